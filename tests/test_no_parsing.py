@@ -44,7 +44,7 @@ TAKEN_APART = {
     "tca_tools/export/tables.py": 2, "tca_tools/gantt/text.py": 1, "tca_tools/replay/app.py": 1,
     "tca_tools/run/journals.py": 1, "tca_tools/run/records.py": 1, "tca_tools/stats/text.py": 1,
     "tca_tools/tasktree_viz/text.py": 1, "tca_tools/tasktree_viz/words.py": 1, "tca_tools/terminal.py": 1,
-    "tca_tools/view/answers.py": 1, "tca_tools/view/columns.py": 2, "tca_tools/view/runs.py": 2,
+    "tca_tools/view/answers.py": 1, "tca_tools/view/columns.py": 2, "tca_tools/view/pictures.py": 2, "tca_tools/view/runs.py": 2,
     "tca_wire/text/facts_in_words.py": 2, "tca_wire/text/plain_data.py": 1,
 }  # fmt: skip
 """How often a file of these rooms takes a text apart or compares one: addresses, names of parts and modules, what is

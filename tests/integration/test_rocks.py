@@ -200,7 +200,7 @@ def test_whatever_goes_wrong_the_robot_walks_on(tmp_path: Path) -> None:
     assert "1 of 1 soft spot" in done.output
     number = len(RULES_OF_TASKS) + len(RULES)
     assert f"rules kept: {number} of {number}" in done.output
-    assert [task.state for task in done.named("lose program")] == [TaskState.ACHIEVED] * 3
+    assert "1 of 1 lost central, 2 of 2 lost module" in done.output
     assert all(task.state is TaskState.ACHIEVED for task in done.named("traverse arc"))
     journal, rules = tmp_path / "walk" / "journal", ROOT / "robots/ambler_sim/run/rules.py"
     good = CliRunner().invoke(check, [str(journal), str(rules)])

@@ -32,10 +32,12 @@ RECOVERIES = {
     "unseen rock": ("raise leg", "replan move"),
     "soft spot": ("level body",),
     "no footfall": ("plan otherwise", "replan move", "shuffle feet"),
-    "lost module": (LOSE_PROGRAM.name,),
-    "lost central": (LOSE_PROGRAM.name,),
+    "lost module": ("lost module",),
+    "lost central": ("lost central",),
 }
-"""By which tasks it is seen that a fault was noticed and recovered from."""
+"""By which tasks it is seen that a fault was noticed and recovered from. A lost program is back when the command that
+killed it has ended.
+"""
 
 CLASS = 0.05
 """Of slopes, in the histogram."""
@@ -196,10 +198,12 @@ def is_recovery(task: Task) -> bool:
 def _faults(tasks: Sequence[Task], recoveries: Counter[str]) -> dict[str, FaultFigures]:
     """For each kind, how many were injected; of the recoveries that fit, no more than that count."""
     injected = Counter(INJECT.decode_data(task.body).kind for task in tasks if task.name == INJECT.name)
+    left = Counter(recoveries)
     for task in tasks:
         if task.name == LOSE_PROGRAM.name:
-            injected["lost central" if LOSE_PROGRAM.decode_data(task.body) == "central" else "lost module"] += 1
-    left = Counter(recoveries)
+            kind = "lost central" if LOSE_PROGRAM.decode_data(task.body) == "central" else "lost module"
+            injected[kind] += 1
+            left[kind] += any(handling.end is not None for handling in task.handlings)
     found = {}
     for kind, count in injected.items():
         recovered = 0
