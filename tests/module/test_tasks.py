@@ -495,7 +495,9 @@ class Expedition:
         self.planner, self.legs, self.watcher = (Module(name, central) for name in ("planner", "legs", "watcher"))
         self.planner.handles(REST)(self.walk)
         self.planner.handles(GUARD)(self.guard)
-        self.legs.handles(TREAD)(lambda _, number: self.steps.append(number))
+        self.legs.handles(TREAD)(self.tread)
+        self.may_tread = threading.Event()
+        self.may_tread.set()
         self.watcher.handles(IS_LOW)(self.answer)
         self.watcher.handles(STOP)(self.stop)
 
@@ -503,6 +505,10 @@ class Expedition:
         task.command(TREAD, 1)
         self.guard(task)
         task.command(TREAD, 3)
+
+    def tread(self, _: Task, number: int) -> None:
+        assert self.may_tread.wait(SOON)
+        self.steps.append(number)
 
     def guard(self, _: Task) -> None:
         self.begun.set()
@@ -556,6 +562,7 @@ def test_a_command_stands_in_the_sequence_that_others_send(expedition: Expeditio
 
 def test_blocks_where_others_send_too(expedition: Expedition, leader: Client) -> None:
     """Under a task of others and under the root; the strangers are not in the sequence."""
+    expedition.may_tread.clear()  # else the first might be over when the second is sent
     sent = expedition.begin(GUARD, leader)
     pairs: list[tuple[Sender, Sender]] = [
         (leader.under(sent), leader.under(sent)), (leader, expedition.watcher),
@@ -569,6 +576,7 @@ def test_blocks_where_others_send_too(expedition: Expedition, leader: Client) ->
         before = {constraint.before.task for fact in facts for constraint in fact.constraints}
         assert first.id in before
         assert stranger.id not in before
+    expedition.may_tread.set()
     expedition.go_on.set()
     assert second.wait(SOON) is first.wait(SOON) is sent.wait(SOON) is Outcome.DONE
     assert sorted(expedition.steps) == [1, 1, 2, 2, 7, 7]
