@@ -50,6 +50,9 @@ START_TIME = 60.0
 LOOK_PERIOD = 0.5
 """Seconds between two looks at whether all programs are still there, and whether one is to be killed."""
 
+FARTHEST = 1500.0
+"""Metres of a walk; hills go on for a little more."""
+
 ARC = 10.0
 """Metres, about."""
 
@@ -245,9 +248,19 @@ def _column(part: object) -> BarColumn | TextColumn:
     return TextColumn(part) if isinstance(part, str) else part  # type: ignore[return-value]
 
 
+def _metres(text: str) -> float:
+    """Of a walk. Raises ValueError for what is no way."""
+    metres = float(text)
+    if not 0.1 <= metres <= FARTHEST:
+        raise argparse.ArgumentTypeError(f"{text} is no distance: give 0.1 to {FARTHEST:g} m")
+    return metres
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim", description=__doc__)
-    parser.add_argument("--distance", dest="metres", type=float, default=6.0, metavar="METRES", help="how far to walk")
+    parser.add_argument(
+        "--distance", dest="metres", type=_metres, default=6.0, metavar="METRES", help="how far to walk"
+    )
     parser.add_argument("--arcs", type=int, help="in how many arcs; by default two or more, of about 10 m")
     parser.add_argument("--terrain", choices=TERRAINS, default="rolling", help="what kind of ground")
     parser.add_argument("--out", type=Path, default=Path("walk"), help="folder for journal, logs and pictures")

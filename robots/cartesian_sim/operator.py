@@ -72,11 +72,11 @@ class Operator:
         """Have all joints find their zero."""
         self._check_ready("enabling.enabled", "movement.standing")
         self._tell_joints("reference")
-        self._wait_begun(task, lambda: any(joint.referencing.is_in("searching") for joint in self.joints.values()))
+        self._wait_begun(task, lambda: self._any("searching") and not self._any("unreferenced"))
         self._wait(
             task,
             lambda: all(joint.referencing.is_in("referenced") for joint in self.joints.values()),
-            lambda: any(joint.referencing.is_in("unreferenced") for joint in self.joints.values()),
+            lambda: self._any("unreferenced"),
         )
 
     def move_to(self, task: Task, point: WallPoint) -> None:
@@ -122,6 +122,10 @@ class Operator:
             joint.command.put("stop")
 
     # --- what they share -------------------------------------------------------------------------------------------
+
+    def _any(self, state: str) -> bool:
+        """Whether a joint's region of referencing is in this state."""
+        return any(joint.referencing.is_in(state) for joint in self.joints.values())
 
     def _tell_joints(self, command: str) -> None:
         for joint in self.joints.values():

@@ -63,6 +63,7 @@ def test_of_very_many_monitors_the_first_are_listed_and_each_is_detached_by_its_
     monkeypatch.setattr("tca_central.status.topics.SHOWN_TASKS", 20)
     first = user.monitor(LOOK, period=1000.0)
     refs = [user.monitor(LOOK, period=1000.0) for _ in range(20)]
+    user.status("attached")  # what comes on another line might overtake the monitors
     text = tca(attached)[1]
     listed = [int(line.split()[0]) for line in text.splitlines() if "look" in line]
     assert listed == [first.id, *(ref.id for ref in refs[:-1])]

@@ -4,15 +4,17 @@ import hashlib
 import math
 import os
 import resource
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from bisect import bisect_left, bisect_right
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 
 import msgspec
 
-from robots.ambler_sim.messages import CALIBRATE, INJECT, LOSE_PROGRAM
+from robots.ambler_sim.messages import CALIBRATE, INJECT, LOSE_PROGRAM, MOVE_BODY
+from robots.ambler_sim.run.losing import CENTRAL
 from robots.ambler_sim.run.rules import FOOTFALL, PLANNED_AHEAD, RULES, STABILITY
 from robots.ambler_sim.vocabulary import Footstep, Pose
 from tca_tools.check.checked_run import CheckedRun
@@ -20,6 +22,7 @@ from tca_tools.check.rules import RULES as RULES_OF_TASKS
 from tca_tools.run.fold import History
 from tca_tools.run.journals import open_log
 from tca_tools.run.records import Task, TaskState
+from tca_wire.points import Moment
 
 RECOVERIES = {
     "amplifier trip": ("switch on",),
@@ -32,12 +35,15 @@ RECOVERIES = {
     "unseen rock": ("raise leg", "replan move"),
     "soft spot": ("level body",),
     "no footfall": ("plan otherwise", "replan move", "shuffle feet"),
-    "lost module": ("lost module",),
-    "lost central": ("lost central",),
+    "lost module": (),
+    "lost central": (),
 }
-"""By which tasks it is seen that a fault was noticed and recovered from. A lost program is back when the command that
-killed it has ended.
+"""By which tasks it is seen that a fault was noticed and recovered from. After the loss of a program it is seen by the
+next footstep.
 """
+
+ROUND = 8
+"""Footsteps within which a recovery belongs to a fault: each leg has moved meanwhile, and some were moved again."""
 
 CLASS = 0.05
 """Of slopes, in the histogram."""
@@ -72,7 +78,7 @@ class Usage:
 
 @dataclass(frozen=True, slots=True)
 class FaultFigures:
-    """Of one kind of faults: how many there were, and how many recoveries of that kind succeeded."""
+    """Of one kind of faults: how many there were, and after how many the recovery was seen."""
 
     injected: int
     recovered: int
@@ -156,7 +162,7 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
         most_tilt=math.degrees(max((step.tilt for step in steps), default=0.0)),
         least_margin=min((step.margin for step in steps), default=math.nan),
         error=_distance(last.pose, last.true_pose) if last else 0.0,
-        faults=_faults(tasks, recoveries),
+        faults=_faults(tasks),
         operator_calls=recoveries["call operator"],
         recoveries=dict(recoveries),
         checked_before=STABILITY.count(history).share,
@@ -195,23 +201,45 @@ def is_recovery(task: Task) -> bool:
     return task.name in names or task.name in ("call operator", "do again")
 
 
-def _faults(tasks: Sequence[Task], recoveries: Counter[str]) -> dict[str, FaultFigures]:
-    """For each kind, how many were injected; of the recoveries that fit, no more than that count."""
-    injected = Counter(INJECT.decode_data(task.body).kind for task in tasks if task.name == INJECT.name)
-    left = Counter(recoveries)
+def _faults(tasks: Sequence[Task]) -> dict[str, FaultFigures]:
+    """For each kind, how many were injected, and of how many the recovery was seen."""
+    injected, mended, steps = defaultdict[str, list[float]](list), defaultdict[str, list[float]](list), []
     for task in tasks:
-        if task.name == LOSE_PROGRAM.name:
-            kind = "lost central" if LOSE_PROGRAM.decode_data(task.body) == "central" else "lost module"
-            injected[kind] += 1
-            left[kind] += any(handling.end is not None for handling in task.handlings)
-    found = {}
-    for kind, count in injected.items():
-        recovered = 0
-        for name in RECOVERIES[kind]:
-            used = min(count - recovered, left[name])
-            left[name] -= used
-            recovered += used
-        found[kind] = FaultFigures(count, recovered)
+        began = task.handlings[0].start if task.handlings else math.inf
+        match task.name:
+            case INJECT.name:
+                injected[INJECT.decode_data(task.body).kind].append(began)
+            case LOSE_PROGRAM.name:
+                injected["lost central" if LOSE_PROGRAM.decode_data(task.body) == CENTRAL else "lost module"].append(
+                    began
+                )
+            case MOVE_BODY.name if task.state is TaskState.ACHIEVED:
+                steps.append(task.time_of(Moment.END_ACHIEVING))
+            case name if task.state is TaskState.ACHIEVED:
+                mended[name].append(began)
+    return {
+        kind: FaultFigures(
+            len(times), recovered(times, sorted(_times_of(RECOVERIES[kind], mended, steps)), sorted(steps))
+        )
+        for kind, times in injected.items()
+    }
+
+
+def _times_of(names: Sequence[str], mended: Mapping[str, list[float]], steps: Sequence[float]) -> Iterable[float]:
+    """When recoveries of these names began; that from a lost program is the robot's next footstep."""
+    return chain.from_iterable(mended.get(name, ()) for name in names) if names else steps
+
+
+def recovered(faults: Sequence[float], recoveries: Sequence[float], steps: Sequence[float]) -> int:
+    """How many of the *faults* of one kind were followed by a fitting recovery before the next of that kind, and
+    within a ROUND of footsteps. All are times; recoveries and steps are sorted.
+    """
+    found = 0
+    for fault, following in pairwise((*sorted(faults), math.inf)):
+        last = bisect_right(steps, fault) + ROUND
+        until = min(following, steps[last] if last < len(steps) else math.inf)
+        first = bisect_left(recoveries, fault)
+        found += first < len(recoveries) and recoveries[first] < until
     return found
 
 

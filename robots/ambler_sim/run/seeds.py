@@ -15,11 +15,12 @@ HEAD = (
 )
 
 
-def walk(seed: int, folder: Path, options: list[str]) -> tuple[bool, Figures]:
-    """Whether the walk came to its end, and its figures."""
+def walk(seed: int, folder: Path, options: list[str]) -> tuple[bool, Figures | None]:
+    """Whether the walk came to its end, and its figures; none if it was killed."""
     command = [sys.executable, "-m", "robots.ambler_sim", "--pace", "0", "--seed", str(seed), "--out", str(folder)]
     code = subprocess.run([*command, *options], stdout=subprocess.DEVNULL, check=False).returncode
-    return code == 0, msgspec.json.decode((folder / "figures.json").read_bytes(), type=Figures)
+    written = folder / "figures.json"
+    return code == 0, msgspec.json.decode(written.read_bytes(), type=Figures) if written.exists() else None
 
 
 def row(seed: int, has_arrived: bool, figures: Figures) -> str:
@@ -56,9 +57,10 @@ def main() -> int:
     print(HEAD, "|---" * (HEAD.count("|") - 1) + "|", sep="\n", flush=True)
     arrived = []
     for seed in known.seeds:
-        has_arrived, figures = walk(seed, known.out / f"seed-{seed}", options)
+        folder = known.out / f"seed-{seed}"
+        has_arrived, figures = walk(seed, folder, options)
         arrived.append(has_arrived)
-        print(row(seed, has_arrived, figures), flush=True)
+        print(row(seed, has_arrived, figures) if figures else f"| {seed} | no figures: see {folder} |", flush=True)
     return 0 if all(arrived) else 1
 
 
