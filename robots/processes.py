@@ -56,18 +56,17 @@ class Processes:
         self.start(name, *self._commands[name])
         return self._running[name].pid
 
-    def number(self, name: str) -> int:
-        """The number of a program's process; 0 while there is none."""
-        process = self._running.get(name)
-        return process.pid if process else 0
+    def numbers(self) -> dict[str, int]:
+        """The numbers of the programs' processes."""
+        return {name: process.pid for name, process in list(self._running.items())}
 
-    def numbers(self) -> list[int]:
-        """The numbers of all programs' processes."""
-        return [process.pid for process in self._running.values()]
+    def halt(self, name: str) -> None:
+        """Have a program stand still: it takes what it is sent, and does nothing."""
+        self._running[name].send_signal(signal.SIGSTOP)
 
     def ended(self) -> str | None:
         """The name of a program that ended by itself, if any has."""
-        return next((name for name, process in self._running.items() if process.poll() is not None), None)
+        return next((name for name, process in list(self._running.items()) if process.poll() is not None), None)
 
     def log(self, name: str) -> Path:
         """The file that a program's output goes to."""

@@ -32,10 +32,13 @@ class Counted(NamedTuple):
 
 
 class CasesProperty(Property):
-    """Of a run, at least a share of the cases is as it should be. It says nothing of a run that has no case."""
+    """Of a run, at least a share of the cases is as it should be. It says nothing of a run with fewer cases than
+    *fewest*.
+    """
 
-    def __init__(self, words: str, cases: CasesOf, least: float) -> None:
+    def __init__(self, words: str, cases: CasesOf, least: float, fewest: int = 1) -> None:
         super().__init__(words)
+        self.fewest = fewest
         self._cases = cases
         self._least = least
 
@@ -50,8 +53,16 @@ class CasesProperty(Property):
         return Counted(number, bad)
 
     def allows(self, counted: Counted) -> bool:
-        """Whether it is true of a run with these cases."""
-        return counted.share >= self._least
+        """Whether it is true of a run with these cases, or says nothing of it."""
+        return counted.share >= self._least or counted.number < self.fewest
+
+
+    def why_not_judged(self, counted: Counted) -> str:
+        """Why it says nothing of a run with these cases; "" if it says something."""
+        if counted.number >= self.fewest:
+            return ""
+        few = f"there were {counted.number} cases of it: it judges {self.fewest} or more"
+        return f"in this run {few if counted.number else 'there was no case of it'}"
 
 
 def in_all_cases(cases: CasesOf) -> CasesProperty:
@@ -59,11 +70,16 @@ def in_all_cases(cases: CasesOf) -> CasesProperty:
     return CasesProperty(f"{words_of(_checked_function(cases))}, in all cases", cases, 1.0)
 
 
-def in_at_least(share: float, cases: CasesOf) -> CasesProperty:
-    """Of the *cases* of a run at least this share (0.9: nine of ten) is as it should be."""
+def in_at_least(share: float, cases: CasesOf, *, fewest: int = 1) -> CasesProperty:
+    """Of the *cases* of a run at least this share (0.9: nine of ten) is as it should be. A run with fewer cases than
+    *fewest* is not judged: of five cases 0.9 can't be told from 1.
+    """
     if not isinstance(share, int | float) or isinstance(share, bool) or not 0 <= share <= 1:
         raise BadProperty(f"in_at_least() takes a share from 0 to 1, such as 0.9, and {share!r:.60} is none")
-    return CasesProperty(f"{words_of(_checked_function(cases))}, in at least {share * 100:g} % of cases", cases, share)
+    if not isinstance(fewest, int) or isinstance(fewest, bool) or fewest < 1:
+        raise BadProperty(f"fewest={fewest!r:.60} is no number of cases: give 1 or more")
+    words = f"{words_of(_checked_function(cases))}, in at least {share * 100:g} % of cases"
+    return CasesProperty(words, cases, share, fewest)
 
 
 def _checked_function(cases: Any) -> CasesOf:

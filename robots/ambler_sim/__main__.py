@@ -26,10 +26,11 @@ from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
 from robots.ambler_sim.messages import Path as PathToWalk
 from robots.ambler_sim.modules import task_manager
 from robots.ambler_sim.modules.fault_injector import kinds_of, scheduled
+from robots.ambler_sim.modules.planners import PLANNERS
 from robots.ambler_sim.pictures.film import join_frames, why_no_film
 from robots.ambler_sim.recovery import GIVE_UP, is_attached
 from robots.ambler_sim.run.figures import Figures, Usage, figures_of
-from robots.ambler_sim.run.losing import lose
+from robots.ambler_sim.run.losing import Losses
 from robots.ambler_sim.vocabulary import KINDS, Rock
 from robots.processes import Processes
 from tca_module import Outcome, TaskFailed, TcaError, Timeout
@@ -37,7 +38,7 @@ from tca_module.sending.task_ref import SentTask
 from tca_tools.gantt.__main__ import gantt
 from tca_tools.tasktree_viz.__main__ import tree
 
-MODULES = ("scanner", "mapper", "footfall planner", "leg recovery planner", "body planner", "gait planner")
+MODULES = ("scanner", "mapper", "gait planner")
 RECOVERY = "error recovery"
 
 LAYERS = tuple(sorted(each.name.replace("_", " ") for each in pkgutil.iter_modules(layers.__path__)))
@@ -46,6 +47,9 @@ LAYERS = tuple(sorted(each.name.replace("_", " ") for each in pkgutil.iter_modul
 ROCK_HEIGHTS = (0.6, 0.8)
 START_TIME = 60.0
 """Seconds within which they must be there."""
+
+PICTURE_TIME = 300.0
+"""Seconds that the last picture may take: physics draws all ground that was walked on."""
 
 LOOK_PERIOD = 0.5
 """Seconds between two looks at whether all programs are still there, and whether one is to be killed."""
@@ -115,6 +119,8 @@ class Walk:
                 for name in self.modules:
                     mode = ("--mode", self.options.mode) if name == "gait planner" else ()
                     processes.start(name, f"robots.ambler_sim.modules.{name.replace(' ', '_')}", *mode)
+                for name in PLANNERS:
+                    processes.start(name, "robots.ambler_sim.modules.planners", name)
                 for name in self.layers:
                     processes.start(f"{name} layer", f"robots.ambler_sim.layers.{name.replace(' ', '_')}")
                 if self.options.faults or self.options.fault:
@@ -154,12 +160,13 @@ class Walk:
     def conduct(self, address: str, processes: Processes) -> int:
         """Be the task manager: send the goal and watch it being achieved."""
         columns = ("[bold]{task.description}", BarColumn(), "{task.completed:4.1f} of {task.total:.1f} m")
-        with Progress(*map(_column, columns), TimeElapsedColumn(), console=console) as progress:
+        losses = Losses(processes, address)
+        with losses, Progress(*map(_column, columns), TimeElapsedColumn(), console=console) as progress:
             bar = progress.add_task("walking", total=self.options.metres)
             module = task_manager.make_module(
                 lambda metres: self.show(metres, progress, bar),
                 lambda number: self.confirm(number, progress, processes),
-                lambda task, name: lose(processes, task, name),
+                losses.lose,
             )
             module.central = address
             with module.running():
@@ -174,11 +181,12 @@ class Walk:
                     processes,
                     progress,
                     bar,
-                    lambda: self.usage.look(self.walked, processes.number("central"), processes.numbers()),
+                    lambda: self.usage.look(self.walked, processes.numbers()),
                 )
                 self.wall = time.monotonic() - began
+                losses.end()
                 if code == 0:
-                    picture = module.query(PICTURE, str(self.folder / "robot.png"))
+                    picture = module.query(PICTURE, str(self.folder / "robot.png"), timeout=PICTURE_TIME)
                     self.outputs.append(("the robot", Path(picture)))
         return code
 

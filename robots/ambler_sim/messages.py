@@ -122,6 +122,7 @@ FREE_JOINT = Command("free joint", Reset)
 CALIBRATE = Command("calibrate", int)
 LEVEL_BODY = Command("level body")
 INJECT = Command("inject", Fault)
+FAULT_BEGAN = Broadcast("fault began", Fault)
 LOSE_PROGRAM = Command("lose program", str)
 
 # Perception: images with the numbers of footsteps, the map of them, and what was felt.

@@ -237,7 +237,7 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """A range image with the number of the footstep before which it was taken."""
+    """A range image; its *number* is greater than those of all images before, also where a program has died between."""
 
     number: int
     scan: Scan
@@ -265,7 +265,7 @@ class Footstep:
 @dataclass(frozen=True, slots=True)
 class Snapshot:
     """Everything a new process needs to go on with the walk. *pose* is where the robot believes to be, *trail* the last
-    footholds, oldest first.
+    footholds, oldest first. *faults* are what is wrong, *armed* what is about to go wrong.
     """
 
     backend: str
@@ -278,3 +278,4 @@ class Snapshot:
     footsteps: int
     trail: tuple[Foot, ...]
     faults: tuple[Fault, ...] = ()
+    armed: tuple[Fault, ...] = ()

@@ -17,8 +17,10 @@ from tca_central.image.encoder import encode, may_be_taken
 from tca_central.shell.input_log import IMAGE_SUFFIX, INPUT_SUFFIX, InputLog
 from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, numbers, sync_path
 
-EVENTS_BETWEEN = 50_000
-"""Events after which there is a new image: they are handled again in a few seconds."""
+EVENTS_BETWEEN, MOST_BETWEEN = 10_000, 50_000
+"""Events after which there is a new image: ten thousand are handled again in a second or two, long before modules lose
+patience. Where there are more tasks than that, which make an image dear, it is as many events as tasks, up to the most.
+"""
 
 log = logging.getLogger("tca.central")
 
@@ -39,7 +41,7 @@ class Images:
         """End of a turn."""
         if self._child:
             self._look_after_child()
-        elif central.events >= self._known + EVENTS_BETWEEN or self._inputs.size >= SEGMENT_BYTES:
+        elif central.events >= self._known + _between(central) or self._inputs.size >= SEGMENT_BYTES:
             self.take(central)
 
     def take(self, central: Central) -> None:
@@ -84,6 +86,11 @@ class Images:
                     if self._inputs.first <= number < self._kept:
                         (self._inputs.folder / f"{number:08d}{suffix}").unlink(missing_ok=True)
         self._kept = self._number
+
+
+def _between(central: Central) -> int:
+    """Events from one image to the next."""
+    return max(EVENTS_BETWEEN, min(len(central.tree.tasks), MOST_BETWEEN))
 
 
 def _write_and_exit(central: Central, path: Path, facts: Path) -> None:

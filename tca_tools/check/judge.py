@@ -64,8 +64,8 @@ class Judge:
     @property
     def vacuous(self) -> str:
         """Why it says nothing that it holds; "" if it says something."""
-        if self.counted is not None:
-            return "" if self.counted.number else "in this run there was no case of it"
+        if isinstance(self.stated, CasesProperty):
+            return self.stated.why_not_judged(self.counted) if self.counted is not None else ""
         for one in self.stated.predicates:
             if isinstance(one, OfMessages) and not self.matches.has_subject(one):
                 return f"in this run there never was '{one.subject}'" if one.message or one.data else ""

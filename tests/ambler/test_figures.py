@@ -1,8 +1,11 @@
-"""What counts as recovered."""
+"""What counts as recovered, and as grown."""
+
+import math
+import os
 
 import pytest
 
-from robots.ambler_sim.run.figures import ROUND, recovered
+from robots.ambler_sim.run.figures import ROUND, WARM_UP, Life, Usage, recovered, walked_on
 
 STEPS = [10.0 * number for number in range(1, 31)]
 
@@ -22,3 +25,25 @@ STEPS = [10.0 * number for number in range(1, 31)]
 )
 def test_a_fault_is_recovered_by_what_follows_soon(faults: list[float], recoveries: list[float], count: int) -> None:
     assert recovered(faults, recoveries, STEPS) == count
+
+
+def test_a_lost_program_is_recovered_from_when_the_robot_walks_on() -> None:
+    assert walked_on([12.0, 13.0, 300.0], STEPS) == 2
+    assert walked_on([12.0], []) == 0
+
+
+def test_memory_is_compared_within_one_life_of_a_program() -> None:
+    usage = Usage()
+    for metres in (0.0, WARM_UP, 2 * WARM_UP):
+        usage.look(metres, {"central": os.getpid(), "gone": -1})
+    memory = usage.at_end()
+    assert memory.all == memory.central > 1.0
+    assert math.isfinite(memory.growth)
+    usage.look(3 * WARM_UP, {"central": os.getppid()})
+    assert usage.at_end().growth == memory.growth  # its new life is too short
+
+
+def test_growth_is_what_came_after_the_warm_up() -> None:
+    grown = Life("mapper", 10.0, warm=(60.0, 40.0), last=(160.0, 42.5))
+    assert grown.growth == 2.5
+    assert math.isnan(Life("mapper", 10.0, last=(160.0, 42.5)).growth)

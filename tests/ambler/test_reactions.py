@@ -18,15 +18,13 @@ from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.messages import LEVEL_BODY, MOVE_BODY, MOVE_LEG, TIP_OVER_RISK, TRAVERSE_PATH, Bend, Path
 from robots.ambler_sim.modules import (
-    body_planner,
     controller,
     error_recovery,
-    footfall_planner,
     gait_planner,
-    leg_recovery_planner,
     mapper,
     scanner,
 )
+from robots.ambler_sim.modules.planners import PLANNERS
 from robots.ambler_sim.modules.task_manager import make_module as make_task_manager
 from robots.ambler_sim.recovery import REPLAN_MOVE
 from robots.ambler_sim.vocabulary import BodyMove, Fault, Readings
@@ -42,9 +40,7 @@ WALKERS = [
         "scanner",
         "mapper",
         "gait_planner",
-        "footfall_planner",
-        "leg_recovery_planner",
-        "body_planner",
+        "planners",
         "task_manager",
     )
 ]
@@ -60,9 +56,8 @@ def robot() -> Robot:
 @pytest.fixture
 def central(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCentral]:
     """All modules of a walk."""
-    planning = gait_planner, footfall_planner, leg_recovery_planner, body_planner
     walkers = (
-        *(each.planner for each in planning), scanner.scanner, mapper.mapper, controller.make_module(robot, None), make_task_manager(lambda _: None, lambda _: None),
+        gait_planner.planner, *PLANNERS.values(), scanner.scanner, mapper.mapper, controller.make_module(robot, None), make_task_manager(lambda _: None, lambda _: None),
     )  # fmt: skip
     for program in (gait_planner, scanner, mapper):
         monkeypatch.setattr(program, "memory", type(program.memory)())

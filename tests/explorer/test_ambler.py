@@ -16,12 +16,10 @@ import tca_explorer as tca
 from robots.ambler_sim import messages
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.modules import (
-    body_planner,
     controller,
-    footfall_planner,
     gait_planner,
-    leg_recovery_planner,
     mapper,
+    planners,
     scanner,
 )
 from robots.ambler_sim.vocabulary import Arc, Pose
@@ -208,8 +206,7 @@ def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
             return move_leg(*arguments, **options)
 
         monkeypatch.setattr(robot, "move_leg", move_when_planned)
-        planning = gait_planner, footfall_planner, leg_recovery_planner, body_planner
-        modules = [*(each.planner for each in planning), scanner.scanner, mapper.mapper]
+        modules = [gait_planner.planner, *planners.PLANNERS.values(), scanner.scanner, mapper.mapper]
         for module in (*modules, controller.make_module(robot, None)):
             monkeypatch.setattr(module, "central", central)
             stack.enter_context(module.running())

@@ -87,6 +87,21 @@ def test_a_share_is_from_0_to_1(share: object) -> None:
         in_at_least(share, lambda _run: [])  # type: ignore[arg-type]
 
 
+def test_of_too_few_cases_a_share_is_not_judged(journal: Path, tmp_path: Path) -> None:
+    file = tmp_path / "properties.py"
+    file.write_text("from tca_properties import in_at_least\ndef it(run):\n    for task in run.tasks.values():\n"
+                    "        yield task, False\nFEW = in_at_least(0.9, it, fewest=100)\n")  # fmt: skip
+    result = run(journal, file)
+    assert result.exit_code == 0
+    assert "cases of it: it judges 100 or more" in result.stdout
+
+
+@pytest.mark.parametrize("fewest", [0, True, 2.5])
+def test_the_fewest_cases_are_one(fewest: object) -> None:
+    with pytest.raises(BadProperty, match="give 1 or more"):
+        in_at_least(0.9, lambda _run: [], fewest=fewest)  # type: ignore[arg-type]
+
+
 def test_cases_come_from_a_function() -> None:
     with pytest.raises(BadProperty, match="give a function of the run"):
         in_all_cases("step begun")  # type: ignore[arg-type]

@@ -1,8 +1,8 @@
 """The footfall layer: no leg move is achieved before its foot is known to stand well (paper, figure 3)."""
 
-from robots.ambler_sim.messages import MOVE_LEG, READINGS, STANCE, TAKE_STEPS, TRAVERSE_ARC
+from robots.ambler_sim.messages import MOVE_LEG, READINGS, STANCE, TAKE_STEPS
 from robots.ambler_sim.planning.checks import fault_of_footfall
-from robots.ambler_sim.recovery import REPLAN_MOVE, SHUFFLE_FEET, STUCK, make_layer
+from robots.ambler_sim.recovery import REPLAN_MOVE, make_layer
 from robots.ambler_sim.vocabulary import Contact, LegMove
 from tca_module import Command, Condition, Failure, Module, Task
 
@@ -17,7 +17,6 @@ def attach(module: Module) -> None:
     """Tap the leg moves; a bad foothold is left for another one."""
     module.tap(Condition.WHEN_ACHIEVED, MOVE_LEG, FOOTFALL_CHECK)
     module.on_failure(UNSTABLE_FOOTHOLD, REPLAN_MOVE, of=TAKE_STEPS)
-    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
 
 
 @layer.handles(FOOTFALL_CHECK)

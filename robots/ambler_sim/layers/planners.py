@@ -1,7 +1,7 @@
 """The planners' layer: a planner that finds no foothold, no way or no pose is not the end of the walk."""
 
 from robots.ambler_sim.messages import MOTION_FAULT, NO_FOOTFALL, NO_PATH, NO_POSE, NOT_THERE, TAKE_STEPS, TRAVERSE_ARC
-from robots.ambler_sim.recovery import PLAN_OTHERWISE, SHUFFLE_FEET, STUCK, make_layer
+from robots.ambler_sim.recovery import PLAN_OTHERWISE, SHUFFLE_FEET, make_layer
 from tca_module import Module
 
 layer = make_layer("planners")
@@ -13,7 +13,6 @@ def attach(module: Module) -> None:
     for failure in (NO_FOOTFALL, NO_PATH, NO_POSE, NOT_THERE, MOTION_FAULT):
         module.on_failure(failure, PLAN_OTHERWISE, of=TAKE_STEPS)
         module.on_failure(failure, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
-    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
 
 
 if __name__ == "__main__":

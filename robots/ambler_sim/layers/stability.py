@@ -2,7 +2,7 @@
 
 from robots.ambler_sim.messages import MOVE_BODY, MOVE_LEG, STANCE, TAKE_STEPS, TRAVERSE_ARC
 from robots.ambler_sim.planning.checks import Margins, is_stable, margins_of_body_move, margins_of_leg_move
-from robots.ambler_sim.recovery import PLAN_OTHERWISE, SHUFFLE_FEET, STUCK, make_layer
+from robots.ambler_sim.recovery import PLAN_OTHERWISE, SHUFFLE_FEET, make_layer
 from tca_module import Command, Condition, Failure, Module, Task
 
 STABILITY_CHECK = Command("stability check", result=Margins)
@@ -18,7 +18,6 @@ def attach(module: Module) -> None:
     module.tap(Condition.BEFORE_HANDLING, MOVE_BODY, STABILITY_CHECK)
     module.on_failure(UNSTABLE_MOVE, PLAN_OTHERWISE, of=TAKE_STEPS, maximum=1)
     module.on_failure(UNSTABLE_MOVE, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
-    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
 
 
 @layer.handles(STABILITY_CHECK)

@@ -4,8 +4,8 @@ Each rung is attached where it belongs in the task tree: the leg move is tried a
 the feet are shuffled into the standard configuration and the arc is begun again.
 """
 
-from robots.ambler_sim.messages import MOVE_LEG, TAKE_STEPS, TERRAIN_COLLISION, TRAVERSE_ARC
-from robots.ambler_sim.recovery import RAISE_LEG, REPLAN_MOVE, SHUFFLE_FEET, STUCK, make_layer
+from robots.ambler_sim.messages import MOVE_LEG, TAKE_STEPS, TERRAIN_COLLISION
+from robots.ambler_sim.recovery import RAISE_LEG, REPLAN_MOVE, make_layer
 from tca_module import Module
 
 layer = make_layer("terrain contact")
@@ -16,7 +16,6 @@ def attach(module: Module) -> None:
     """Every leg move, step and arc has its rung from now on."""
     module.on_failure(TERRAIN_COLLISION, RAISE_LEG, of=MOVE_LEG, maximum=2)
     module.on_failure(TERRAIN_COLLISION, REPLAN_MOVE, of=TAKE_STEPS)
-    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
 
 
 if __name__ == "__main__":

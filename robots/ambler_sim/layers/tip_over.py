@@ -16,7 +16,7 @@ from robots.ambler_sim.messages import (
 )
 from robots.ambler_sim.planning.checks import LEAST_LOAD, LEAST_SUPPORT
 from robots.ambler_sim.planning.stability import support_margin
-from robots.ambler_sim.recovery import PLAN_OTHERWISE, SHUFFLE_FEET, STUCK, make_layer
+from robots.ambler_sim.recovery import PLAN_OTHERWISE, SHUFFLE_FEET, make_layer
 from robots.ambler_sim.vocabulary import Readings
 from tca_module import Command, Condition, ExceptionHandler, Module, Task
 
@@ -37,7 +37,6 @@ def attach(module: Module) -> None:
         module.on_failure(TIP_OVER_RISK, STEADY, of=move, maximum=2)
     module.on_failure(TIP_OVER_RISK, PLAN_OTHERWISE, of=TAKE_STEPS)
     module.on_failure(TIP_OVER_RISK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
-    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
 
 
 @layer.handles(STEADY)

@@ -1,17 +1,21 @@
-"""Faults of the machine and its sensors, on any plant: what goes wrong, until when, and how that shows.
+"""Faults of the machine, its sensors and the ground, on any plant: what goes wrong, until when, and how that shows.
 
-A plant is wrapped: what is commanded and what is measured passes through here. A fault is armed first; it begins when
-the next move is over.
+A plant is wrapped: what is commanded and what is measured passes through here. A fault is armed first, and begins when
+it can: those of the scanner at once, those of the machine and soft ground after a move, a rock before one.
 """
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from robots.ambler_sim.geometry import Array
+from robots.ambler_sim.geometry import SHAFT_Y, Array, feet_of, leg_joints, offset, to_world
+from robots.ambler_sim.machine.motion import HANGING_LOAD
 from robots.ambler_sim.machine.plant import Attitude, Plant
-from robots.ambler_sim.vocabulary import LEGS, Fault, Foot, Rock
+from robots.ambler_sim.machine.terrain import Terrain
+from robots.ambler_sim.planning.stability import support_margin
+from robots.ambler_sim.vocabulary import LEGS, Fault, Foot, LegMove, Rock, Stance
 
 LAG = 0.25
 """The share of its speed that a joint with a motion fault has left."""
@@ -21,27 +25,63 @@ DRIFT = 0.08
 
 MACHINE_KINDS = ("amplifier trip", "motion fault", "stuck joint", "encoder drift", "force sensor")
 SCANNER_KINDS = ("no image", "bad image")
+ROCK, SOFT_SPOT = "unseen rock", "soft spot"
+
+ROCK_RADIUS, ROCK_ROOM, ROCK_ABOVE = 0.2, 0.6, 0.15
+"""Of a rock that is put in the way (m): its distance from the foot before, and its height above the way."""
+
+HIGHEST_ROCK = 1.0
+"""Metres above the ground around it."""
+
+SPARED = 0.5
+"""Metres: ground gives way under a leg without which the robot stands by that much; else it would rock."""
 
 
 class FaultyPlant:
     """A plant with faults."""
 
-    def __init__(self, plant: Plant, faults: Sequence[Fault] = ()) -> None:
+    def __init__(self, plant: Plant, faults: Sequence[Fault] = (), armed: Sequence[Fault] = ()) -> None:
         self.plant = plant
         self.name, self.tick = plant.name, plant.tick
-        self.faults: list[Fault] = list(faults)
-        self._armed: list[Fault] = []
+        self.faults = list(faults)
+        """What is wrong with machine and scanner now."""
+        self.armed = list(armed)
+        """What waits until it can begin."""
+        self._begun: list[Fault] = []
 
     # --- what goes wrong ---------------------------------------------------------------------------------------------
 
     def arm(self, fault: Fault) -> None:
-        """It begins after the next move; those of the scanner at once."""
-        (self.faults if fault.kind in SCANNER_KINDS else self._armed).append(fault)
+        """It begins when it can."""
+        self.armed.append(fault)
+        if fault.kind in SCANNER_KINDS:
+            self.faults.append(fault)
+            self._begin(fault)
 
-    def begin_armed(self) -> None:
-        """A move is over."""
-        self.faults += self._armed
-        self._armed.clear()
+    def before_leg_move(self, move: LegMove, terrain: Terrain) -> None:
+        """Put a rock in front of the shaft, where the foot swings, and higher than that is lifted."""
+        for fault in self._armed_of(ROCK)[:1]:
+            stance = self._stance()
+            angle = leg_joints(stance.pose, move.foothold)[0] / 2
+            ahead, left = move.radius * math.cos(angle), SHAFT_Y[move.leg] + move.radius * math.sin(angle)
+            x, y = offset(stance.pose, ahead, left)
+            start = stance.feet[move.leg]
+            if math.hypot(x - start.x, y - start.y) > ROCK_ROOM:
+                height = min(move.lift + ROCK_ABOVE - terrain.height(x, y), HIGHEST_ROCK)
+                self.plant.add_rock(Rock(x, y, ROCK_RADIUS, height))
+                self._begin(fault)
+
+    def after_move(self) -> bool:
+        """What was to go wrong after a move does; whether ground gave way."""
+        for fault in self._armed_of(*MACHINE_KINDS):
+            self.faults.append(fault)
+            self._begin(fault)
+        return any(map(self._gives_way, self._armed_of(SOFT_SPOT)[:1]))
+
+    def take_begun(self) -> list[Fault]:
+        """Those that have begun since this was asked before."""
+        begun, self._begun = self._begun, []
+        return begun
 
     def has(self, kind: str, leg: int) -> bool:
         """Whether a leg has such a fault."""
@@ -136,6 +176,29 @@ class FaultyPlant:
     def close(self) -> None:
         """Free what the simulator holds."""
         self.plant.close()
+
+    def _armed_of(self, *kinds: str) -> list[Fault]:
+        return [fault for fault in self.armed if fault.kind in kinds]
+
+    def _begin(self, fault: Fault) -> None:
+        self.armed.remove(fault)
+        self._begun.append(fault)
+
+    def _gives_way(self, fault: Fault) -> bool:
+        """The ground under the fault's leg falls in, or under the next one that is not needed, if any is not."""
+        stance, loads = self._stance(), self.loads()
+        for leg in (*LEGS[fault.leg :], *LEGS[: fault.leg]):
+            if not (loads < HANGING_LOAD).any() and support_margin(stance, leg) > SPARED:
+                self.plant.give_way(stance.feet[leg].x, stance.feet[leg].y)
+                self._begin(fault)
+                return True
+        return False
+
+    def _stance(self) -> Stance:
+        """Where body and feet really are."""
+        pose = self.attitude().pose
+        world = to_world(pose, feet_of(self.plant.joints()))
+        return Stance(pose, tuple(Foot(leg, float(x), float(y), float(z)) for leg, (x, y, z) in enumerate(world)))
 
     def _offsets(self) -> Array:
         offsets = np.zeros((len(LEGS), 3))

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from robots.ambler_sim.errors import AmplifierTripped, JointFault, TerrainContact, Tilting
-from robots.ambler_sim.geometry import AMBLER, SHAFT_Y, Array, feet_of, joints_of, leg_joints, offset, to_body, to_world
+from robots.ambler_sim.geometry import AMBLER, Array, feet_of, joints_of, to_body, to_world
 from robots.ambler_sim.machine import motion, scanner
-from robots.ambler_sim.machine.faults import MACHINE_KINDS, SCANNER_KINDS, FaultyPlant
+from robots.ambler_sim.machine.faults import FaultyPlant
 from robots.ambler_sim.machine.motion import blend, ease, expected_seconds, leg_segments
 from robots.ambler_sim.machine.odometry import Odometry, compass
 from robots.ambler_sim.machine.pacing import MoveWatch, OnTick, Pacer
@@ -31,7 +31,6 @@ from robots.ambler_sim.vocabulary import (
     LegMove,
     Pose,
     Readings,
-    Rock,
     Snapshot,
     Stance,
 )
@@ -57,21 +56,12 @@ MOST_TILT = 0.03
 five springy feet may come to 1.3.
 """
 
-SPARED = 0.5
-"""Metres: ground gives way under the next leg without which the robot stands by that much; else it would rock."""
-
 PUT_DOWN_AT_MOST = 3
 """Times that a leg is lowered at the end of its move."""
 
 LEVEL_ENOUGH = 0.005
 LEVEL_SECONDS = 6.0
 """How level (rad) the body is made by ``level``, and how long that may take."""
-
-ROCK_RADIUS, ROCK_ROOM, ROCK_ABOVE = 0.2, 0.6, 0.15
-"""Of a rock that is put in the way (m): its distance from the foot before, and its height above the way."""
-
-HIGHEST_ROCK = 1.0
-"""Metres above the ground around it."""
 
 TOLERANCE = 0.05
 """The links go this much (m) further than planners may plan: feet creep some centimetres on steep ground."""
@@ -83,7 +73,7 @@ class Robot:
     def __init__(self, plant: Plant, terrain: Terrain, *, pace: float = 0.0, state: Snapshot | None = None) -> None:
         self.terrain = terrain
         self.backend = plant.name
-        self._plant = FaultyPlant(plant, state.faults if state else ())
+        self._plant = FaultyPlant(plant, state.faults, state.armed) if state else FaultyPlant(plant)
         self.pacer = Pacer(pace)
         self.time = state.time if state else 0.0
         """Simulated seconds since the walk began, over all processes that took part in it."""
@@ -92,8 +82,6 @@ class Robot:
         self._scans = state.scans if state else 0
         self._trail = deque(state.trail if state else (), maxlen=TRAIL)
         self._airborne: set[int] = set()
-        self._rock_due = False
-        self._gives_way = NO_LEG
         self._command = plant.joints()
         pose = plant.attitude().pose
         self._place, self._velocity, self._tilt = np.array([pose.x, pose.y, pose.height]), np.zeros(3), 0.0
@@ -132,13 +120,12 @@ class Robot:
     # --- faults and their mending ------------------------------------------------------------------------------------
 
     def inject(self, fault: Fault) -> None:
-        """Something goes wrong from the next move on."""
-        if fault.kind == "unseen rock":
-            self._rock_due = True
-        elif fault.kind == "soft spot":
-            self._gives_way = fault.leg
-        elif fault.kind in MACHINE_KINDS + SCANNER_KINDS:
-            self._plant.arm(fault)
+        """Something goes wrong as soon as it can."""
+        self._plant.arm(fault)
+
+    def begun_faults(self) -> list[Fault]:
+        """Those that have begun since this was asked before."""
+        return self._plant.take_begun()
 
     def reset(self, leg: int, *, operator: bool = False) -> bool:
         """Switch the amplifier of a leg on again; False if only an operator can."""
@@ -174,14 +161,14 @@ class Robot:
     # --- moves -------------------------------------------------------------------------------------------------------
 
     def move_leg(self, move: LegMove, on_tick: OnTick | None = None) -> Footfall:
-        """Carry out a leg move. When stopped, the foot is put down where it is: the robot always stands on six feet.
+        """Carry out a leg move. When stopped, the foot is put down where it is.
 
-        Raises TerrainContact or Tilting, standing again, when the leg met something on its way or the body tilted.
+        Raises TerrainContact or Tilting, standing again, when the leg met something on its way or the body tilted. A
+        JointFault leaves the leg where it got stuck: in the air, until ``free_joint``.
         """
         self._require_amplifiers()
         self._rebase()
-        if self._rock_due:
-            self._put_rock(move)
+        self._plant.before_leg_move(move, self.terrain)
         segments = leg_segments(move, self._pose(), self._command[move.leg])
         watch = MoveWatch(expected_seconds(segments), on_tick)
         self._airborne.add(move.leg)
@@ -271,6 +258,7 @@ class Robot:
             footsteps=self.footsteps,
             trail=tuple(self._trail),
             faults=tuple(self._plant.faults),
+            armed=tuple(self._plant.armed),
         )
 
     def close(self) -> None:
@@ -314,16 +302,8 @@ class Robot:
 
     def _begin_faults(self) -> None:
         """A move is over: what was to go wrong after it does."""
-        self._plant.begin_armed()
-        if self._gives_way not in LEGS or any(map(self._hangs, LEGS)):
-            return
-        stance = self.true_stance()
-        for leg in (*LEGS[self._gives_way :], *LEGS[: self._gives_way]):
-            if support_margin(stance, leg) > SPARED:
-                self._plant.give_way(stance.feet[leg].x, stance.feet[leg].y)
-                self._gives_way = NO_LEG
-                self._settle()
-                return
+        if self._plant.after_move():
+            self._settle()
 
     def _require_amplifiers(self) -> None:
         """Raise AmplifierTripped, before anything moves, if the amplifier of a leg is off."""
@@ -339,17 +319,6 @@ class Robot:
             self._rebase()
             self._settle()
             raise JointFault(leg, float(behind[leg]))
-
-    def _put_rock(self, move: LegMove) -> None:
-        """In front of the shaft, where the foot swings; higher than that is lifted."""
-        pose = self._plant.attitude().pose
-        angle = leg_joints(pose, move.foothold)[0] / 2
-        x, y = offset(pose, move.radius * math.cos(angle), SHAFT_Y[move.leg] + move.radius * math.sin(angle))
-        start = self.true_stance().feet[move.leg]
-        if math.hypot(x - start.x, y - start.y) > ROCK_ROOM:
-            self._rock_due = False
-            height = min(move.lift + ROCK_ABOVE - self.terrain.height(x, y), HIGHEST_ROCK)
-            self._plant.add_rock(Rock(x, y, ROCK_RADIUS, height))
 
     def _feels_something(self, leg: int) -> bool:
         plant = self._plant

@@ -21,6 +21,7 @@ from robots.ambler_sim.machine.terrain import TERRAINS
 from robots.ambler_sim.messages import (
     AMPLIFIER_TRIPPED,
     CALIBRATE,
+    FAULT_BEGAN,
     FREE_JOINT,
     INJECT,
     JOINT_FAULT,
@@ -67,9 +68,11 @@ def make_module(
     machine = Machine(robot)
     display = Display(robot, while_moving=robot.backend == GraphicalPlant.name)
 
-    def save() -> None:
-        if state_file is not None:
-            save_snapshot(robot.state(), state_file)
+    def save(task: Task) -> None:
+        """Save the robot, and tell what has begun to go wrong."""
+        write_state(robot, state_file)
+        for fault in robot.begun_faults():
+            task.broadcast(FAULT_BEGAN, fault)
 
     @controller.handles(MOVE_LEG)
     def move_leg(task: Task, move: LegMove) -> Footfall:
@@ -79,7 +82,7 @@ def make_module(
         except AmblerError as error:
             raise failure_of(error) from error
         finally:
-            save()
+            save(task)
 
     @controller.handles(MOVE_BODY)
     def move_body(task: Task, move: BodyMove) -> Pose:
@@ -87,19 +90,31 @@ def make_module(
             with machine.moving():
                 pose = robot.move_body(move, lambda _: goes_on(task, machine, display, camera))
                 display.made_a_footstep(task)
+            write_footstep(robot, record)
         except AmblerError as error:
             raise failure_of(error) from error
+        else:
+            return pose
         finally:
-            save()
-        if record is not None:
-            with record.open("ab") as file:
-                file.write(msgspec.json.encode(robot.footstep()) + b"\n")
-        return pose
+            save(task)
 
     _answer_questions(controller, machine)
     _care(controller, machine, save)
-    save()
+    write_state(robot, state_file)
     return controller
+
+
+def write_state(robot: Robot, path: Path | None) -> None:
+    """Save the robot for another controller, if there is a file for it."""
+    if path is not None:
+        save_snapshot(robot.state(), path)
+
+
+def write_footstep(robot: Robot, path: Path | None) -> None:
+    """A line for those who judge the walk, if there is a file for it."""
+    if path is not None:
+        with path.open("ab") as file:
+            file.write(msgspec.json.encode(robot.footstep()) + b"\n")
 
 
 def goes_on(task: Task, machine: Machine, display: Display, camera: FilmCamera | None) -> bool:
@@ -135,43 +150,43 @@ def _answer_questions(controller: Module, machine: Machine) -> None:
             return str(robot.picture(path))
 
 
-def _care(controller: Module, machine: Machine, save: Callable[[], None]) -> None:
+def _care(controller: Module, machine: Machine, save: Callable[[Task], None]) -> None:
     """Mend what is wrong with the machine, and spoil it."""
     robot = machine.robot
 
     @controller.handles(INJECT)
-    def inject(_: Task, fault: Fault) -> None:
+    def inject(task: Task, fault: Fault) -> None:
         with machine.moving():
             robot.inject(fault)
-        save()
+        save(task)
 
     @controller.handles(RESET)
-    def reset(_: Task, reset: Reset) -> None:
+    def reset(task: Task, reset: Reset) -> None:
         with machine.moving():
             is_on = robot.reset(reset.leg, operator=reset.operator)
-        save()
+        save(task)
         if not is_on:
             raise NEEDS_OPERATOR(reset.leg, f"the amplifier of leg {reset.leg} trips again: an operator must reset it")
 
     @controller.handles(FREE_JOINT)
-    def free_joint(_: Task, reset: Reset) -> None:
+    def free_joint(task: Task, reset: Reset) -> None:
         with machine.moving():
             is_free = robot.free_joint(reset.leg, operator=reset.operator)
-        save()
+        save(task)
         if not is_free:
             raise NEEDS_OPERATOR(reset.leg, f"a joint of leg {reset.leg} stays stuck: an operator must free it")
 
     @controller.handles(CALIBRATE)
-    def calibrate(_: Task, leg: int) -> None:
+    def calibrate(task: Task, leg: int) -> None:
         with machine.moving():
             robot.calibrate(leg)
-        save()
+        save(task)
 
     @controller.handles(LEVEL_BODY)
-    def level_body(_: Task) -> None:
+    def level_body(task: Task) -> None:
         with machine.moving():
             robot.level()
-        save()
+        save(task)
 
 
 def failure_of(error: AmblerError) -> FailureRaised:

@@ -18,6 +18,7 @@ from robots.ambler_sim.messages import (
     MOVE_LEG,
     STANCE,
     TAKE_STEPS,
+    TRAVERSE_ARC,
     TRAVERSE_PATH,
     Ahead,
     StepEnd,
@@ -40,6 +41,9 @@ from tca_module import Module, Outcome, Scope, Task, TaskRef, Trouble
 REPLANNED_AT_MOST = 3
 """How often for one step."""
 
+SHUFFLED_AT_MOST = 12
+"""How often in one arc, for steps of which no other one could be found."""
+
 FORGOTTEN_AFTER = 3
 """Shuffles, after which it is believed no more what legs have felt."""
 
@@ -53,8 +57,9 @@ recovery.resource("steps", capacity=3)
 
 @recovery.at_start
 def attach(module: Module) -> None:
-    """What nobody else handles ends the walk, with a reason."""
+    """What nobody else handles ends the walk, with a reason; but where the rungs below are stuck, feet are shuffled."""
     module.on_failure(None, GIVE_UP, of=TRAVERSE_PATH, maximum=1)
+    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=SHUFFLED_AT_MOST)
 
 
 @recovery.handles(RAISE_LEG)

@@ -4,10 +4,12 @@ It taps the leg moves, and while it holds one it sees to the fault that is due w
 """
 
 import argparse
+from itertools import count
 from random import Random
 
 from robots.ambler_sim.geometry import offset
-from robots.ambler_sim.messages import FELT, INJECT, LOSE_PROGRAM, MOVE_LEG, STANCE
+from robots.ambler_sim.messages import FAULT_BEGAN, FELT, INJECT, LOSE_PROGRAM, MOVE_LEG, STANCE
+from robots.ambler_sim.run.losing import CENTRAL
 from robots.ambler_sim.vocabulary import KINDS, LEGS, Fault, LegMove, Obstacle
 from tca_module import Command, Condition, Module, Task
 
@@ -50,7 +52,7 @@ def make_fault(kind: str, seed: int, number: int) -> Fault:
 def make_module(kinds: tuple[str, ...], schedule: dict[int, list[str]], seed: int) -> Module:
     """Faults of these *kinds* at random, and those of the *schedule*, by the number of the leg move (1, 2, ...)."""
     injector = Module("fault injector")
-    moves = 0
+    numbers = count(1)
 
     @injector.at_start
     def attach(module: Module) -> None:
@@ -58,10 +60,9 @@ def make_module(kinds: tuple[str, ...], schedule: dict[int, list[str]], seed: in
 
     @injector.handles(MAKE_TROUBLE)
     def make_trouble(task: Task, move: LegMove) -> None:
-        nonlocal moves
-        moves += 1
-        for kind in (*schedule.get(moves, ()), *drawn(kinds, seed, moves)):
-            cause(task, make_fault(kind, seed, moves), move, Random(f"{seed} {moves} program"))  # noqa: S311
+        number = next(numbers)
+        for kind in (*schedule.get(number, ()), *drawn(kinds, seed, number)):
+            cause(task, make_fault(kind, seed, number), move, Random(f"{seed} {number} program"))  # noqa: S311
 
     return injector
 
@@ -70,7 +71,7 @@ def cause(task: Task, fault: Fault, move: LegMove, random: Random) -> None:
     """Have it happen."""
     match fault.kind:
         case "lost central":
-            task.command(LOSE_PROGRAM, "central").wait()
+            task.command(LOSE_PROGRAM, CENTRAL).wait()
         case "lost module":
             task.command(LOSE_PROGRAM, random.choice(PROGRAMS)).wait()
         case "no footfall":
@@ -78,7 +79,7 @@ def cause(task: Task, fault: Fault, move: LegMove, random: Random) -> None:
             x, y = offset(heading, 1.0, 0.0)
             at_x, at_y = move.foothold.x + x - heading.x, move.foothold.y + y - heading.y
             task.inform(FELT, Obstacle(at_x, at_y, move.foothold.z, 0.75, is_wall=False))
-            task.command(INJECT, fault).wait()
+            task.broadcast(FAULT_BEGAN, fault)
         case _:
             task.command(INJECT, fault).wait()
 

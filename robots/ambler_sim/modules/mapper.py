@@ -15,11 +15,11 @@ mapper = Module("mapper")
 
 
 class GroundMemory:
-    """The map so far, the footstep before which its last image was taken, and what was felt."""
+    """The map so far, the number of its last image, and what was felt."""
 
     def __init__(self) -> None:
         self.ground: ElevationMap | None = None
-        self.number = -1
+        self.number = 0
         self.obstacles: deque[Obstacle] = deque(maxlen=MOST_REMEMBERED)
 
 

@@ -44,12 +44,12 @@ def acquire_image(task: Task, number: int) -> None:
         raise NO_IMAGE(number, f"the scanner gave no image before footstep {number}")
     if fault := fault_of(scan):
         raise BAD_IMAGE(number, f"the image before footstep {number} {fault}")
-    memory.images.append(Image(number, scan))
+    memory.images.append(Image(task.id, scan))
 
 
 @scanner.handles(IMAGES, resource="image queue")
 def images(_: Task, after: int) -> tuple[Image, ...]:
-    """Those that were taken before later footsteps than this."""
+    """Those that came after the one with this number."""
     return tuple(image for image in tuple(memory.images) if image.number > after)
 
 

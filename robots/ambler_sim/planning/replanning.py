@@ -134,7 +134,7 @@ def _alternative(ground: ElevationMap, step: Step) -> Alternative:
 
 def centring(stance: Stance) -> BodyMove | None:
     """The move of the body to where any leg can be lifted, as far as the feet allow; None if it is there, or if nowhere
-    near is better.
+    near is better that it can go to safely.
     """
     best, most = None, conservative_margin(stance)
     if most >= STANDS_WELL:
@@ -145,7 +145,7 @@ def centring(stance: Stance) -> BodyMove | None:
             with contextlib.suppress(AmblerError):
                 move = plan_shift(stance, replace(stance.pose, x=x, y=y))
                 margin = conservative_margin(replace(stance, pose=move.goal))
-                if margin > most:
+                if margin > most and is_stable(margins_of_body_move(stance, move)):
                     best, most = move, margin
     return best
 

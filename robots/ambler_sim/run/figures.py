@@ -6,14 +6,14 @@ import os
 import resource
 from bisect import bisect_left, bisect_right
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
 from pathlib import Path
 
 import msgspec
 
-from robots.ambler_sim.messages import CALIBRATE, INJECT, LOSE_PROGRAM, MOVE_BODY
+from robots.ambler_sim.messages import CALIBRATE, FAULT_BEGAN, MOVE_BODY, TRAVERSE_PATH
 from robots.ambler_sim.run.losing import CENTRAL
 from robots.ambler_sim.run.rules import FOOTFALL, PLANNED_AHEAD, RULES, STABILITY
 from robots.ambler_sim.vocabulary import Footstep, Pose
@@ -49,36 +49,75 @@ CLASS = 0.05
 """Of slopes, in the histogram."""
 
 
+WARM_UP = 50.0
+"""Metres after which the memory of a program that has been started is compared with what it needs later, as many metres
+on or more.
+"""
+
+
 @dataclass(frozen=True, slots=True)
 class MemoryUse:
-    """What programs need, in MB: central, and all of them together."""
+    """What programs need at the end, in MB: central, and all of them; and how fast (MB in 100 m) that of the one that
+    grew fastest grew.
+    """
 
-    central: float = math.nan
-    all: float = math.nan
+    central: float = 0.0
+    all: float = 0.0
+    growth: float = math.nan
+    fastest: str = ""
 
     def __str__(self) -> str:
-        return f"{self.central:.0f} and {self.all:.0f} MB"
+        grew = f", at most {self.growth:+.1f} in 100 m ({self.fastest})" if self.fastest else ""
+        return f"{self.central:.0f} and {self.all:.0f} MB{grew}"
+
+
+@dataclass(slots=True)
+class Life:
+    """What a program needs (MB) by the metres walked, from its start on until it is killed or the walk ends."""
+
+    name: str
+    began: float
+    warm: tuple[float, float] = (math.inf, 0.0)
+    last: tuple[float, float] = (0.0, 0.0)
+
+    def look(self, metres: float, process: int) -> None:
+        """Note what its process needs now."""
+        self.last = metres, _megabytes(process)
+        if math.isinf(self.warm[0]) and metres >= self.began + WARM_UP:
+            self.warm = self.last
+
+    @property
+    def growth(self) -> float:
+        """MB in 100 m, since it has warmed up; of a short life nothing can be said (NaN)."""
+        metres = self.last[0] - self.warm[0]
+        return 100 * (self.last[1] - self.warm[1]) / metres if metres >= WARM_UP else math.nan
 
 
 @dataclass
 class Usage:
-    """What programs need while the walk goes on, by metres walked."""
+    """What programs need while the walk goes on. A program that was started anew has another life."""
 
-    memory: list[tuple[float, MemoryUse]] = field(default_factory=list)
+    lives: dict[int, Life] = field(default_factory=dict)
+    """By process."""
 
-    def look(self, metres: float, central: int, numbers: Iterable[int]) -> None:
-        """Note what central's process and all of these (by their numbers) need now."""
-        self.memory.append((metres, MemoryUse(_megabytes(central), sum(map(_megabytes, numbers)))))
+    now: tuple[int, ...] = ()
 
-    def at(self, share: float) -> MemoryUse:
-        """At a share of the way."""
-        way = share * self.memory[-1][0] if self.memory else math.inf
-        return next((memory for metres, memory in self.memory if metres >= way), MemoryUse())
+    def look(self, metres: float, processes: Mapping[str, int]) -> None:
+        """Note what these programs need now."""
+        self.now = tuple(processes.values())
+        for name, process in processes.items():
+            self.lives.setdefault(process, Life(name, metres)).look(metres, process)
+
+    def at_end(self) -> MemoryUse:
+        """At the end of the walk, and how it came to that."""
+        ends = {self.lives[process].name: self.lives[process].last[1] for process in self.now}
+        growths = [(life.growth, life.name) for life in self.lives.values() if not math.isnan(life.growth)]
+        return MemoryUse(ends.get(CENTRAL, 0.0), sum(ends.values()), *max(growths, default=(math.nan, "")))
 
 
 @dataclass(frozen=True, slots=True)
 class FaultFigures:
-    """Of one kind of faults: how many there were, and after how many the recovery was seen."""
+    """Of one kind of faults: how many began, and after how many the recovery was seen."""
 
     injected: int
     recovered: int
@@ -117,8 +156,7 @@ class Figures:
     wall: float
     cpu: float
     load: float
-    memory_at_quarter: MemoryUse
-    memory_at_end: MemoryUse
+    memory: MemoryUse
     digest: str
 
     def lines(self) -> list[str]:
@@ -137,7 +175,7 @@ class Figures:
             ),
             (
                 f"{self.wall:.0f} s, {self.cpu:.0f} s of processor, load {self.load:.1f}; "
-                f"central and all programs {self.memory_at_quarter} after a quarter, {self.memory_at_end} at the end"
+                f"memory of central and of all programs {self.memory}"
             ),
             f"rules kept: {self.rules}",
             *(f"  {other}" for other in self.rules.others),
@@ -162,7 +200,7 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
         most_tilt=math.degrees(max((step.tilt for step in steps), default=0.0)),
         least_margin=min((step.margin for step in steps), default=math.nan),
         error=_distance(last.pose, last.true_pose) if last else 0.0,
-        faults=_faults(tasks),
+        faults=_faults(history),
         operator_calls=recoveries["call operator"],
         recoveries=dict(recoveries),
         checked_before=STABILITY.count(history).share,
@@ -172,8 +210,7 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
         wall=wall,
         cpu=children.ru_utime + children.ru_stime,
         load=os.getloadavg()[0],
-        memory_at_quarter=usage.at(0.25),
-        memory_at_end=usage.at(1.0),
+        memory=usage.at_end(),
         digest=hashlib.sha256(record.read_bytes() if record.exists() else b"").hexdigest()[:16],
     )
 
@@ -201,33 +238,32 @@ def is_recovery(task: Task) -> bool:
     return task.name in names or task.name in ("call operator", "do again")
 
 
-def _faults(tasks: Sequence[Task]) -> dict[str, FaultFigures]:
-    """For each kind, how many were injected, and of how many the recovery was seen."""
-    injected, mended, steps = defaultdict[str, list[float]](list), defaultdict[str, list[float]](list), []
-    for task in tasks:
-        began = task.handlings[0].start if task.handlings else math.inf
-        match task.name:
-            case INJECT.name:
-                injected[INJECT.decode_data(task.body).kind].append(began)
-            case LOSE_PROGRAM.name:
-                injected["lost central" if LOSE_PROGRAM.decode_data(task.body) == CENTRAL else "lost module"].append(
-                    began
-                )
-            case MOVE_BODY.name if task.state is TaskState.ACHIEVED:
-                steps.append(task.time_of(Moment.END_ACHIEVING))
-            case name if task.state is TaskState.ACHIEVED:
-                mended[name].append(began)
-    return {
-        kind: FaultFigures(
-            len(times), recovered(times, sorted(_times_of(RECOVERIES[kind], mended, steps)), sorted(steps))
-        )
-        for kind, times in injected.items()
-    }
+def _faults(history: History) -> dict[str, FaultFigures]:
+    """For each kind, how many began, and of how many the recovery was seen. A program counts as lost when it is back:
+    its recovery is the robot's next footstep, or its arrival.
+    """
+    began, mended, steps = defaultdict[str, list[float]](list), defaultdict[str, list[float]](list), []
+    for message in history.messages.values():
+        if message.name == FAULT_BEGAN.name:
+            began[FAULT_BEGAN.decode_data(message.body).kind].append(message.received)
+    for task in history.tasks.values():
+        if task.state is not TaskState.ACHIEVED or not task.handlings:
+            continue
+        mended[task.name].append(task.handlings[0].start)
+        if task.name in (MOVE_BODY.name, TRAVERSE_PATH.name):
+            steps.append(task.time_of(Moment.END_ACHIEVING))
+    steps.sort()
+    figures = {}
+    for kind, times in began.items():
+        recoveries = sorted(chain.from_iterable(mended[name] for name in RECOVERIES[kind]))
+        seen = recovered(times, recoveries, steps) if RECOVERIES[kind] else walked_on(times, steps)
+        figures[kind] = FaultFigures(len(times), seen)
+    return figures
 
 
-def _times_of(names: Sequence[str], mended: Mapping[str, list[float]], steps: Sequence[float]) -> Iterable[float]:
-    """When recoveries of these names began; that from a lost program is the robot's next footstep."""
-    return chain.from_iterable(mended.get(name, ()) for name in names) if names else steps
+def walked_on(losses: Sequence[float], steps: Sequence[float]) -> int:
+    """After how many of these times the robot has made another step."""
+    return sum(loss < steps[-1] for loss in losses) if steps else 0
 
 
 def recovered(faults: Sequence[float], recoveries: Sequence[float], steps: Sequence[float]) -> int:

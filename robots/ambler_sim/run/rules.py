@@ -70,7 +70,7 @@ def image_is_taken_while_the_scanner_holds_the_controller(run: Run) -> Iterator[
 
 STABILITY = in_all_cases(stability_check_precedes_each_try_of_a_move)
 FOOTFALL = in_all_cases(footfall_check_follows_each_leg_move)
-PLANNED_AHEAD = in_at_least(0.9, step_is_planned_while_the_one_before_is_walked)
+PLANNED_AHEAD = in_at_least(0.9, step_is_planned_while_the_one_before_is_walked, fewest=20)
 NO_MOVE_WHILE_LOCKED = in_all_cases(no_move_while_the_scanner_holds_the_controller)
 IMAGE_LOCKED = in_all_cases(image_is_taken_while_the_scanner_holds_the_controller)
 

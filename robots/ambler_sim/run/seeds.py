@@ -11,7 +11,7 @@ from robots.ambler_sim.run.figures import Figures
 
 HEAD = (
     "| seed | way | footsteps | steepest | faults recovered | kinds | operator | greatest tilt | least margin | error"
-    " | rules | time | processor | central and all after 1/4 | at the end |"
+    " | rules | time | processor | memory of central and all |"
 )
 
 
@@ -41,8 +41,7 @@ def row(seed: int, has_arrived: bool, figures: Figures) -> str:
         f"{figures.rules}",
         f"{figures.wall:.0f} s",
         f"{figures.cpu:.0f} s",
-        f"{figures.memory_at_quarter}",
-        f"{figures.memory_at_end}",
+        f"{figures.memory}",
     )
     return f"| {' | '.join(cells)} |"
 
