@@ -159,7 +159,7 @@ MOVE_BASE, BOX_B_FREE, base = Command("a", str), Variable("b", float), Agent("ba
 """
 
 OFFICE = """
-from robots.office_sim.layers.battery import RECHARGE, _interrupt
+from robots.office_sim.layers.battery import CHARGE_LATER, NOT_CHARGED, RECHARGE, TRIES, WAIT, _interrupt
 from robots.office_sim.layers.grasps import *
 from robots.office_sim.layers.vanished_cups import CANCEL_GOAL, IS_GONE, PERIOD
 from robots.office_sim.messages import *

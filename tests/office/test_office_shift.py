@@ -9,9 +9,9 @@ import pytest
 from office.stepped import LAYERS, keep_free, office, the
 
 from robots.office_sim.layers import battery, grasps, vanished_cups
-from robots.office_sim.layers.battery import RECHARGE
+from robots.office_sim.layers.battery import RECHARGE, TRIES
 from robots.office_sim.messages import COLLECT_CUP, KEEP_FLOOR_FREE, SCENE
-from robots.office_sim.vocabulary import CupState, LabScene
+from robots.office_sim.vocabulary import Block, CupState, LabScene
 from robots.office_sim.world import OfficeWorld
 from tca_module import Client, TaskFailed
 
@@ -92,6 +92,34 @@ def test_a_cup_that_is_in_the_hand_comes_along_to_the_charger_and_then_into_the_
     grasped = told.index("cup 1 is in the hand")
     charged = next(number for number, line in enumerate(told) if "is being charged" in line)
     assert grasped < charged < told.index("the battery is full") < told.index("cup 1 is in the bin")
+
+
+@pytest.mark.parametrize("is_removed", [True, False])
+def test_a_robot_waits_for_a_blocked_charger_but_not_for_ever(*, is_removed: bool) -> None:
+    """A box stands on the charger, and the robot comes with a cup in its hand."""
+    world = OfficeWorld(9, 30.0, battery=0.35)
+    charger = world.floor.charger
+    box = Block(charger.x, charger.y, charger.x, charger.y).grown(0.2)
+    world.floor.tables.append(box)
+    with office(world) as (central, user):
+        keeping = user.goal(KEEP_FLOOR_FREE)
+        for _ in range(100):
+            central.advance(1.0)
+        assert user.tasks(RECHARGE)
+        (held,) = the(user.query(SCENE), CupState.HAND)
+        if is_removed:
+            world.floor.tables.remove(box)
+        for _ in range(150):
+            central.advance(1.0)
+        scene = user.query(SCENE)
+        if is_removed:
+            assert next(cup.state for cup in scene.cups if cup.number == held.number) is CupState.BIN
+            assert scene.charges == 1
+        else:
+            fell, was_put_down = (line for line in scene.happened if f"cup {held.number} is on the floor" in line)
+            assert fell < was_put_down
+            with pytest.raises(TaskFailed, match=f"could not be charged in {TRIES} tries: nothing leads to"):
+                keeping.result(timeout=0)
 
 
 @pytest.mark.soak

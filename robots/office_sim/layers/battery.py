@@ -1,6 +1,7 @@
 """The battery layer: when the battery runs low collecting is suspended, the robot recharges, and collecting goes on.
 
-A cup that the hand holds stays there meanwhile. The goal under way begins anew, from what is so then.
+A cup that the hand holds stays there meanwhile. The goal under way begins anew, from what is so then. A robot that does
+not get to the charger waits and tries again; if that does not help, the shift ends.
 """
 
 from robots.office_sim.messages import (
@@ -16,15 +17,20 @@ from robots.office_sim.messages import (
 )
 from robots.office_sim.program import run
 from robots.office_sim.vocabulary import Approach
-from tca_module import Command, Condition, Module, PollingMonitor, Query, Task, TaskRef
+from tca_module import Command, Condition, ExceptionHandler, Failure, Module, PollingMonitor, Query, Task, TaskRef
 
 PERIOD = 2.0
 LOW = 0.3
-"""Enough for the way to the charger, from anywhere."""
+"""Enough for the way to the charger, from anywhere, after all the waits."""
+
+TRIES, WAIT = 5, 30.0
+"""How often the robot tries to charge, and the seconds in between."""
 
 IS_LOW = Query("is battery low", reply=bool)
 RECHARGE = Command("recharge")
 BATTERY_LOW = PollingMonitor("battery low", condition=IS_LOW, action=RECHARGE)
+CHARGE_LATER = ExceptionHandler("charge later")
+NOT_CHARGED = Failure("not charged")
 
 
 def make_module(pace: float) -> Module:
@@ -35,6 +41,7 @@ def make_module(pace: float) -> Module:
     @layer.at_start
     def attach(module: Module) -> None:
         module.tap(Condition.WHILE_ACHIEVING, KEEP_FLOOR_FREE, BATTERY_LOW, period=PERIOD / pace)
+        module.on_failure(None, CHARGE_LATER, of=RECHARGE, maximum=TRIES)
 
     @layer.handles(IS_LOW)
     def is_low(task: Task) -> bool:
@@ -55,6 +62,16 @@ def make_module(pace: float) -> Module:
             with task.shielded():
                 for monitor in collecting:
                     monitor.resume()
+
+    @layer.handles(CHARGE_LATER)
+    def charge_later(task: Task) -> None:
+        """Whatever blocks the charger may go away."""
+        trouble = task.trouble
+        assert trouble.attached is not None
+        if trouble.invocations >= TRIES:
+            raise NOT_CHARGED(None, f"the battery could not be charged in {TRIES} tries: {trouble.text}")
+        task.sleep(WAIT / pace)
+        trouble.attached.retry()
 
     return layer
 
