@@ -5,22 +5,18 @@ allocated anew, again and again. With --page it stays, for the page and its butt
 import argparse
 import contextlib
 import itertools
-import signal
 import sys
-import tempfile
 import threading
 import time
 from pathlib import Path
 
 from robots.cartesian_sim.messages import CLEAN, ENABLE, MOVE_TO, REFERENCE, SET_SPEED, WallPoint
 from robots.cartesian_sim.robot import NAME, CleaningRobot
-from robots.processes import Processes
+from robots.show import central, parser_of, save_picture, shown
 from tca_activities import Application
 from tca_activities.manager import ActivityMove, ApplicationMessages
 from tca_activities.page.command import activities
 from tca_module import Client, SentTask, TcaError, connect
-from tca_tools.drawing.pictures import converted
-from tca_tools.errors import NoPicture
 from tca_wire.text.measures import duration
 
 CHANGES = 2.0
@@ -32,8 +28,8 @@ POLICIES = ("one_each", "automatic", "one_for_all")
 class CleaningShow:
     """One run, with the times at which things are done."""
 
-    def __init__(self, robot: CleaningRobot, central: str) -> None:
-        self._robot, self._central = robot, central
+    def __init__(self, robot: CleaningRobot, address: str) -> None:
+        self._robot, self._central = robot, address
         self._began = time.monotonic()
         self.changes: list[str] = []
         for component in robot.components.all:
@@ -106,54 +102,34 @@ def counted(application: Application) -> str:
 
 def _save(robot: CleaningRobot, changes: list[str], folder: Path) -> None:
     """The wall as it is now, and the transitions of all regions."""
-    svg = robot.picture()
-    (folder / "wall.svg").write_text(svg)
     (folder / "transitions.txt").write_text("".join(f"{change}\n" for change in changes))
-    made = ["wall.svg", "transitions.txt"]
-    try:
-        (folder / "wall.png").write_bytes(converted(svg, "png"))
-        made.append("wall.png")
-    except NoPicture as error:
-        print(error, file=sys.stderr)
-    print(f"made {', '.join(made)} in {folder}; 'tca view {folder}/journal' shows the run")
+    made = ", ".join(path.name for path in save_picture(folder / "wall", robot.picture()))
+    print(f"made {made}, transitions.txt in {folder}; 'tca view {folder}/journal' shows the run")
 
 
-def _run(folder: Path, *, page: bool, browser: bool) -> int:
-    with tempfile.TemporaryDirectory(prefix="cartesian") as sockets, contextlib.ExitStack() as stack:
-        central = f"ipc://{sockets}/central.sock"
-        processes = stack.enter_context(Processes(folder, {"TCA_CENTRAL": central}))
-        processes.start("central", "tca_central", "--journal", str(folder / "journal"), "--fresh")
-        robot = CleaningRobot(central)
+def _show(options: argparse.Namespace) -> int:
+    with central(options.out) as (address, _), contextlib.ExitStack() as stack:
+        robot = CleaningRobot(address)
         stack.enter_context(robot.module.running())
-        show = CleaningShow(robot, central)
+        show = CleaningShow(robot, address)
         stack.enter_context(robot.application.running())
-        if page:
+        if options.page:
             threading.Thread(target=show.run_to_its_end, daemon=True).start()
-            opens = "--browser" if browser else "--no-browser"
-            activities.main([NAME, "--central", central, opens], "tca activities", standalone_mode=False)
+            opens = "--no-browser" if options.no_browser else "--browser"
+            activities.main([NAME, "--central", address, opens], "tca activities", standalone_mode=False)
             code = 0
         else:
             code = show.run_to_its_end()
-        _save(robot, show.changes, folder)
+        _save(robot, show.changes, options.out)
     return code
 
 
 def main() -> int:
     """The command line; the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m robots.cartesian_sim", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("runs/cartesian"), help="folder of its files (%(default)s)")
+    parser = parser_of("cartesian", __doc__)
     parser.add_argument("--page", action="store_true", help="open 'tca activities', and stay until Ctrl-C")
     parser.add_argument("--no-browser", action="store_true", help="with --page: print its address only")
-    options = parser.parse_args()
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # central ends, too
-    try:
-        options.out.mkdir(parents=True, exist_ok=True)
-        return _run(options.out, page=options.page, browser=not options.no_browser)
-    except OSError as error:
-        parser.error(f"--out: {error}")
-    except KeyboardInterrupt:
-        print("ended by Ctrl-C", file=sys.stderr)
-        return 130
+    return shown(parser, _show)
 
 
 if __name__ == "__main__":

@@ -3,59 +3,119 @@ others, and charges its battery in between.
 """
 
 import argparse
-import logging
-import signal
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-from robots.office_sim.drawing import in_words
-from robots.office_sim.show import LAYERS, OfficeShift, pictures, work
-from tca_module import TcaError
+from click import ClickException, Command
+
+from robots.office_sim.drawing import draw, in_words
+from robots.office_sim.layers.battery import IS_LOW
+from robots.office_sim.layers.grasps import GRASP_AGAIN
+from robots.office_sim.layers.vanished_cups import IS_GONE
+from robots.office_sim.messages import (
+    CALL_IT_A_DAY,
+    CUPS_IN_VIEW,
+    FOLLOW_PATH,
+    KEEP_FLOOR_FREE,
+    NAVIGATE,
+    OPEN_LAB,
+    SCENE,
+)
+from robots.office_sim.vocabulary import CupState, LabScene
+from robots.processes import Processes
+from robots.show import START_TIME, between, central, looks, parser_of, save_picture, shown
+from tca_module import Client, Message, TcaError, connect
+from tca_tools.gantt.__main__ import gantt
+from tca_tools.tasktree_viz.__main__ import tree
+
+Programs = dict[str, Message[Any, Any]]
+"""Beside each program is a message that it handles: once it does, all that it attaches is in force."""
+
+MODULES: Programs = {
+    "vision": CUPS_IN_VIEW,
+    "controller": FOLLOW_PATH,
+    "planner": NAVIGATE,
+    "task manager": KEEP_FLOOR_FREE,
+}
+LAYERS: Programs = {"vanished cups": IS_GONE, "battery": IS_LOW, "grasps": GRASP_AGAIN}
+
+PATIENCE = 900.0
+"""Seconds of the lab within which no cup must be left after the last has fallen; else some stay there."""
 
 
 def main() -> int:
     """The command line; the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m robots.office_sim", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("runs/office"), help="folder of its files (%(default)s)")
+    parser = parser_of("office", __doc__)
     parser.add_argument("--seed", type=int, default=1, help="which lab, which cups and people (%(default)s)")
-    parser.add_argument("--pace", type=_pace, default=16.0, help="how fast the lab's time passes (%(default)s)")
-    parser.add_argument("--shift", type=_shift, default=240.0, help="seconds in which cups fall (%(default)s)")
+    parser.add_argument("--pace", type=between(0.1, 100.0, "the pace"), default=16.0,
+                        help="how fast the lab's time passes (%(default)s)")  # fmt: skip
+    parser.add_argument("--shift", type=between(1.0, 36000.0, "the shift"), default=240.0,
+                        help="seconds in which cups fall (%(default)s)")  # fmt: skip
     parser.add_argument("--without", action="append", default=[], choices=LAYERS, metavar="LAYER",
                         help=f"leave out a layer: {', '.join(LAYERS)}")  # fmt: skip
-    options = parser.parse_args()
-    logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: the programs are stopped in order
-    shift = OfficeShift(options.seed, options.shift, options.pace, tuple(options.without))
-    try:
-        options.out.mkdir(parents=True, exist_ok=True)
-        scene = work(shift, options.out)
-        title = f"seed {options.seed}"
-        print(f"{title}: {in_words(scene)}")
-        for path in pictures(scene, title, options.out):
-            print("made", path)
-    except OSError as error:
-        parser.error(f"--out: {error}")
-    except TcaError as error:
-        print(f"office: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print(f"office: ended by Ctrl-C; what happened so far is in {options.out}", file=sys.stderr)
-        return 130
+    return shown(parser, _show)
+
+
+def _show(options: argparse.Namespace) -> int:
+    title, folder = f"seed {options.seed}", options.out
+    scene, failure = _shift(options)
+    print(f"{title}: {in_words(scene)}")
+    for path in (*save_picture(folder / "lab", draw(scene, title)), *_history(folder)):
+        print("made", path)
+    if failure:
+        raise failure
     return 0
 
 
-def _pace(text: str) -> float:
-    pace = float(text)
-    if not 0.1 <= pace <= 100.0:
-        raise argparse.ArgumentTypeError(f"the pace is a number from 0.1 to 100, not {text}")
-    return pace
+def _shift(options: argparse.Namespace) -> tuple[LabScene, TcaError | None]:
+    """Have the floor kept free by programs of their own; the lab at the end, and why that was too early."""
+    layers = {name: handled for name, handled in LAYERS.items() if name not in options.without}
+    pace = "--pace", str(options.pace)
+    with central(options.out) as (address, processes):
+        world = "--seed", str(options.seed), "--shift", str(options.shift)
+        processes.start("simulator", "robots.office_sim.modules.simulator", *pace, *world)
+        for name in MODULES:
+            processes.start(name, f"robots.office_sim.modules.{name.replace(' ', '_')}", *pace)
+        for name in layers:
+            processes.start(f"{name} layer", f"robots.office_sim.layers.{name.replace(' ', '_')}", *pace)
+        with connect("user", address) as user:
+            user.wait_until_handled(OPEN_LAB, *MODULES.values(), *layers.values(), timeout=START_TIME)
+            user.inform(OPEN_LAB)
+            return _watch(user, processes, options.shift + PATIENCE)
 
 
-def _shift(text: str) -> float:
-    seconds = float(text)
-    if not 1.0 <= seconds <= 36000.0:
-        raise argparse.ArgumentTypeError(f"a shift has 1 to 36,000 seconds, not {text}")
-    return seconds
+def _watch(user: Client, processes: Processes, latest: float) -> tuple[LabScene, TcaError | None]:
+    """Say what happens, and call it a day when all cups have fallen and none is left."""
+    keeping = user.goal(KEEP_FLOOR_FREE)
+    told, has_called = 0, False
+    for is_over in looks(keeping, processes):
+        scene = user.query(SCENE)
+        for line in scene.happened[told:]:
+            print(line, flush=True)
+        told = len(scene.happened)
+        is_free = all(cup.state in (CupState.BIN, CupState.TAKEN) for cup in scene.cups)
+        if not (is_over or has_called) and (is_free or scene.time > latest):
+            user.inform(CALL_IT_A_DAY)
+            has_called = True
+    try:
+        keeping.result()
+    except TcaError as error:
+        return scene, error
+    return scene, None
+
+
+def _history(folder: Path) -> Iterator[Path]:
+    """The task tree and the Gantt chart of the run. What can't be made says why."""
+    tools: dict[str, Command] = {"tree.svg": tree, "gantt.svg": gantt}
+    for name, tool in tools.items():
+        try:
+            tool.main([str(folder / "journal"), "-o", str(folder / name)], standalone_mode=False)
+        except ClickException as error:
+            print(error.format_message())
+        else:
+            yield folder / name
 
 
 if __name__ == "__main__":

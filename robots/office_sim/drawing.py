@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from robots.office_sim.messages import REACH
 from robots.office_sim.paths import RADIUS
-from robots.office_sim.vocabulary import Block, CupState, FloorPlan, LabScene, SeenCup, Spot, Stretch
+from robots.office_sim.vocabulary import Block, CupState, FloorPlan, LabScene, Spot, Stretch
 from tca_tools.drawing.svg import document, text
 
 SCALE = 80.0
@@ -48,10 +48,10 @@ def draw(scene: LabScene, title: str) -> str:
         place.circle("reach", floor.bin, REACH * SCALE),
         place.circle("bin", floor.bin, 0.2 * SCALE),
         place.label(floor.bin, "bin"),
-        place.rectangle("charger", Block(floor.charger.x, floor.charger.y, *_corner(floor.charger)).grown(0.2)),
+        place.rectangle("charger", floor.charger.around(0.2)),
         place.label(Spot(floor.charger.x, floor.charger.y - 0.35), "charger"),
         *(place.way(stretch) for stretch in scene.trail if len(stretch.points) > 1),
-        *(part for cup in cups for part in place.cup(cup)),
+        *(part for cup in cups for part in _cup(LOOKS[cup.state], *place.at(cup.spot), str(cup.number))),
         place.circle("robot", scene.robot, RADIUS * SCALE),
         *_legend(floor),
     ]
@@ -97,14 +97,6 @@ class _LabMap:
     def way(self, stretch: Stretch) -> str:
         points = " ".join("{:.1f},{:.1f}".format(*self.at(spot)) for spot in stretch.points)
         return f'<polyline class="{"carrying" if stretch.with_cup else "way"}" points="{points}"/>'
-
-    def cup(self, cup: SeenCup) -> Iterable[str]:
-        x, y = self.at(cup.spot)
-        yield from _cup(LOOKS[cup.state], x, y, str(cup.number))
-
-
-def _corner(spot: Spot) -> tuple[float, float]:
-    return spot.x, spot.y
 
 
 def _circle(look: str, x: float, y: float, radius: float) -> str:

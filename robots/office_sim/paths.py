@@ -3,7 +3,6 @@
 import heapq
 import itertools
 
-from robots.office_sim.errors import NoPath
 from robots.office_sim.vocabulary import Approach, Block, FloorPlan, Spot
 
 RADIUS = 0.3
@@ -11,6 +10,10 @@ RADIUS = 0.3
 
 CLEARANCE = 0.02
 """Metres that corners are passed at, beside that."""
+
+
+class NoPath(Exception):
+    """Nothing leads to a place."""
 
 
 def path_to(floor: FloorPlan, start: Spot, wanted: Approach) -> list[Spot]:

@@ -21,6 +21,10 @@ class Spot:
         part = metres / self.to(other)
         return Spot(self.x + part * (other.x - self.x), self.y + part * (other.y - self.y))
 
+    def around(self, margin: float) -> "Block":
+        """The square around it."""
+        return Block(self.x, self.y, self.x, self.y).grown(margin)
+
 
 @dataclass(frozen=True, slots=True)
 class Block:

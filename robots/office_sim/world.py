@@ -43,15 +43,12 @@ MISSED, BLUR = 0.03, 0.01
 
 
 @dataclass(slots=True)
-class WorldCup:
+class WorldCup(SeenCup):
     """A cup, and what is to become of it."""
 
-    number: int
-    spot: Spot
     falls: float
     taken: float
     slips: int
-    state: CupState = CupState.TO_COME
 
 
 class OfficeWorld:
@@ -63,10 +60,10 @@ class OfficeWorld:
         self.floor = make_floor(rng)
         self._cups = list(self._make_cups(rng, shift))
         self._eyes = random.Random(seed)  # noqa: S311
-        self._robot = Spot(self.floor.charger.x - 0.6, self.floor.charger.y + 0.3)
+        self.robot = Spot(self.floor.charger.x - 0.6, self.floor.charger.y + 0.3)
         self._way: list[Spot] = []
-        self._battery, self._charges, self._is_docked = battery, 0, False
-        self._trail = [Stretch(with_cup=False, points=[self._robot])]
+        self.battery, self._charges, self._is_docked = battery, 0, False
+        self._trail = [Stretch(with_cup=False, points=[self.robot])]
         self._happened: list[str] = []
 
     def _make_cups(self, rng: random.Random, shift: float) -> Iterator[WorldCup]:
@@ -76,7 +73,7 @@ class OfficeWorld:
         while not spots or time < shift:
             spots.append(self._another_spot(rng, spots))
             taken = time + rng.uniform(*TAKEN_AFTER) if rng.random() < TAKEN else math.inf
-            yield WorldCup(len(spots), spots[-1], time, taken, rng.choice(SLIPS))
+            yield WorldCup(len(spots), spots[-1], CupState.TO_COME, time, taken, rng.choice(SLIPS))
             time += rng.expovariate(1 / BETWEEN_CUPS)
 
     def _another_spot(self, rng: random.Random, others: list[Spot]) -> Spot:
@@ -103,19 +100,19 @@ class OfficeWorld:
                 self._becomes(cup, CupState.TAKEN)
 
     def _drive_on(self, seconds: float) -> None:
-        left = SPEED * seconds if self._battery > 0 else 0.0
+        left = SPEED * seconds if self.battery > 0 else 0.0
         is_moving = bool(self._way) and left > 0
         while self._way and left > 0:
-            ahead = self._robot.to(self._way[0])
+            ahead = self.robot.to(self._way[0])
             if ahead <= left:
-                self._robot = self._way.pop(0)
-                self._trail[-1].points.append(self._robot)
+                self.robot = self._way.pop(0)
+                self._trail[-1].points.append(self.robot)
             else:
-                self._robot = self._robot.towards(self._way[0], left)
+                self.robot = self.robot.towards(self._way[0], left)
             left -= ahead
         power = CHARGING if self._is_docked else -(DRIVING if is_moving else STANDING)
-        self._battery = min(max(self._battery + power * seconds, 0.0), 1.0)
-        if self._is_docked and self._battery >= FULL:
+        self.battery = min(max(self.battery + power * seconds, 0.0), 1.0)
+        if self._is_docked and self.battery >= FULL:
             self._is_docked = False
             self._happens("the battery is full")
 
@@ -128,41 +125,26 @@ class OfficeWorld:
 
     def look(self) -> list[Spot]:
         """The cups that the camera on the ceiling sees: not each of them in each picture, and a little blurred."""
-        lying = [cup.spot for cup in self._cups if cup.state is CupState.FLOOR]
-        seen = [spot for spot in lying if self._eyes.random() >= MISSED]
+        seen = [cup.spot for cup in self._those(CupState.FLOOR) if self._eyes.random() >= MISSED]
         return [Spot(spot.x + self._eyes.gauss(0, BLUR), spot.y + self._eyes.gauss(0, BLUR)) for spot in seen]
-
-    @property
-    def robot(self) -> Spot:
-        """Where the robot is."""
-        return self._robot
-
-    @property
-    def battery(self) -> float:
-        """What is left in it, from 0 to 1."""
-        return self._battery
 
     def drive(self, way: list[Spot]) -> float:
         """Set off; the seconds that it takes."""
         self.halt()
         self._way, self._is_docked = list(way), False
-        return sum(here.to(there) for here, there in itertools.pairwise([self._robot, *way])) / SPEED
+        return sum(here.to(there) for here, there in itertools.pairwise([self.robot, *way])) / SPEED
 
     def halt(self) -> Spot:
         """Stand still; where that is."""
         if self._way:
             self._way = []
-            self._trail[-1].points.append(self._robot)
-        return self._robot
+            self._trail[-1].points.append(self.robot)
+        return self.robot
 
     def close_fingers(self, spot: Spot) -> Grasped:
         """Grasp what lies there."""
-        near = [
-            cup
-            for cup in self._cups
-            if cup.state is CupState.FLOOR and cup.spot.to(spot) <= TOLERANCE and self._reaches(cup.spot)
-        ]
-        if not near or self._held():
+        near = [cup for cup in self._those(CupState.FLOOR) if cup.spot.to(spot) <= TOLERANCE]
+        if not near or not self._reaches(near[0].spot) or self._those(CupState.HAND):
             return Grasped.NOTHING
         (cup,) = near
         if cup.slips:
@@ -170,40 +152,38 @@ class OfficeWorld:
             self._happens(f"cup {cup.number} slips")
             return Grasped.SLIPPED
         self._becomes(cup, CupState.HAND)
-        self._trail.append(Stretch(with_cup=True, points=[self._robot]))
+        self._trail.append(Stretch(with_cup=True, points=[self.robot]))
         return Grasped.CUP
 
     def open_fingers(self) -> bool:
         """Let go: over the bin the cup is gone, elsewhere it lies there. Whether there was one."""
-        held = self._held()
+        held = self._those(CupState.HAND)
         for cup in held:
             is_over_bin = self._reaches(self.floor.bin)
             if not is_over_bin:
-                cup.spot = self._robot
+                cup.spot = self.robot
             self._becomes(cup, CupState.BIN if is_over_bin else CupState.FLOOR)
-            self._trail.append(Stretch(with_cup=False, points=[self._robot]))
+            self._trail.append(Stretch(with_cup=False, points=[self.robot]))
         return bool(held)
 
     def dock(self) -> float | None:
         """Charge until the battery is full, or the robot drives away; the seconds that it takes, None: not here."""
-        if self._robot.to(self.floor.charger) > TOLERANCE:
+        if self.robot.to(self.floor.charger) > TOLERANCE:
             return None
         self._is_docked = True
         self._charges += 1
-        self._happens(f"the battery is being charged, from {self._battery:.0%}")
-        return (1.0 - self._battery) / CHARGING
+        self._happens(f"the battery is being charged, from {self.battery:.0%}")
+        return (1.0 - self.battery) / CHARGING
 
-    def _held(self) -> list[WorldCup]:
-        return [cup for cup in self._cups if cup.state is CupState.HAND]
+    def _those(self, state: CupState) -> list[WorldCup]:
+        return [cup for cup in self._cups if cup.state is state]
 
     def _reaches(self, spot: Spot) -> bool:
-        return self._robot.to(spot) <= REACH + TOLERANCE
+        return self.robot.to(spot) <= REACH + TOLERANCE
 
     def scene(self) -> LabScene:
         """What is to be seen from above."""
         trail = [Stretch(stretch.with_cup, stretch.points[:]) for stretch in self._trail]
-        trail[-1].points.append(self._robot)
+        trail[-1].points.append(self.robot)
         cups = [SeenCup(cup.number, cup.spot, cup.state) for cup in self._cups]
-        return LabScene(
-            self.time, self.floor, self._robot, self._battery, self._charges, cups, trail, self._happened[:]
-        )
+        return LabScene(self.time, self.floor, self.robot, self.battery, self._charges, cups, trail, self._happened[:])

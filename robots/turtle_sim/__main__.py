@@ -1,9 +1,7 @@
 """Shows a mission: starts central, the turtle and its task server, carries it out, and draws what came of it."""
 
 import argparse
-import logging
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -11,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from robots.processes import Processes
+from robots.show import between, central, parser_of, save_picture, shown
 from robots.turtle_sim.drawing import draw
 from robots.turtle_sim.missions.background import background
 from robots.turtle_sim.missions.interrupted import interrupted
@@ -24,10 +22,7 @@ from robots.turtle_sim.simulator import Simulator
 from robots.turtle_sim.sync.team import free_team, save_team
 from robots.turtle_sim.world import CENTRE, Pen, Pose, TurtleWorld
 from tca_missions import ConditionVerified, Mission
-from tca_module import TcaError
 from tca_module.link.opening import CentralAddress
-from tca_tools.drawing.pictures import converted
-from tca_tools.errors import NoPicture
 
 ENOUGH = 15.0
 """Seconds after which a mission is ended that would go on for ever."""
@@ -128,18 +123,17 @@ class Show:
 
     def run(self) -> None:
         """Carry out the missions, each in a thread. Raises what the first that failed has raised."""
-        with tempfile.TemporaryDirectory(prefix="turtle") as sockets, ExitStack() as stack:
-            centrals = {name: f"ipc://{sockets}/{name}.sock" for name in self._missions}
+        with ExitStack() as stack:
+            centrals = {name: stack.enter_context(central(self._folder, f"{name} ")) for name in self._missions}
             servers = self._servers()
-            for name, central in centrals.items():
-                processes = stack.enter_context(Processes(self._folder, {"TCA_CENTRAL": central}))
-                journal = "--journal", str(self._folder / f"{name} journal"), "--fresh"
-                processes.start(f"{name} central", "tca_central", *journal)
-                stack.enter_context(self._simulator.module(name, central).running())
+            for name, (address, processes) in centrals.items():
+                stack.enter_context(self._simulator.module(name, address).running())
                 processes.start(f"{name} task server", *servers[name])
             with ThreadPoolExecutor(len(centrals)) as pool:
                 try:
-                    for carried_out in as_completed(pool.submit(self._carry_out, *one) for one in centrals.items()):
+                    for carried_out in as_completed(
+                        pool.submit(self._carry_out, name, centrals[name][0]) for name in centrals
+                    ):
                         carried_out.result()
                 except BaseException as error:
                     self._is_over.why = f"{type(error).__name__} has ended the show"
@@ -155,63 +149,34 @@ class Show:
         link = [str(team), "--loss", str(self._loss)]
         return {name: ["robots.turtle_sim.sync.task_server", name, *link, *rate] for name in names}
 
-    def _carry_out(self, name: str, central: str) -> None:
-        with ShownMission(name, central, self._began, self._is_over) as mission:
+    def _carry_out(self, name: str, address: str) -> None:
+        with ShownMission(name, address, self._began, self._is_over) as mission:
             self._missions[name](mission)
 
     def draw(self, title: str) -> list[Path]:
         """Draw the sheet; the files that were made."""
-        svg = draw(self._simulator.sheet(), title)
-        made = [self._folder / "sheet.svg", self._folder / "sheet.png"]
-        made[0].write_text(svg)
-        try:
-            made[1].write_bytes(converted(svg, "png"))
-        except NoPicture as error:
-            print(error, file=sys.stderr)
-            del made[1]
-        return made
-
-
-def _pace(text: str) -> float:
-    pace = float(text)
-    if not 0.01 <= pace <= 100.0:
-        raise argparse.ArgumentTypeError(f"the pace is a number from 0.01 to 100, not {text}")
-    return pace
-
-
-def _loss(text: str) -> float:
-    loss = float(text)
-    if not 0.0 <= loss <= 0.99:
-        raise argparse.ArgumentTypeError(f"the loss is a number from 0 to 0.99, not {text}")
-    return loss
+        return save_picture(self._folder / "sheet", draw(self._simulator.sheet(), title))
 
 
 def main() -> int:
     """Show the mission that the arguments name; the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m robots.turtle_sim", description=__doc__)
+    parser = parser_of("turtle", __doc__)
     parser.add_argument("show", nargs="?", default="letters", choices=SHOWS, help="the mission (default: %(default)s)")
-    parser.add_argument("--out", type=Path, default=Path("runs/turtle"), help="folder of its files (%(default)s)")
-    parser.add_argument("--pace", type=_pace, default=8.0, help="how fast the turtles' time passes (%(default)s)")
-    parser.add_argument("--loss", type=_loss, default=0.5, help="part of the datagrams between turtles that is lost")
-    options = parser.parse_args()
-    logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
-    try:
-        options.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        parser.error(f"--out: {error}")
+    parser.add_argument("--pace", type=between(0.01, 100.0, "the pace"), default=8.0,
+                        help="how fast the turtles' time passes (%(default)s)")  # fmt: skip
+    parser.add_argument("--loss", type=between(0.0, 0.99, "the loss"), default=0.5,
+                        help="part of the datagrams between turtles that is lost")  # fmt: skip
+    return shown(parser, _show)
+
+
+def _show(options: argparse.Namespace) -> int:
     show = Show(SHOWS[options.show], options.out, options.pace, options.loss)
-    code = 0
     try:
         show.run()
-    except TcaError as error:
-        print(f"{options.show}: {error}; see the logs in {options.out}", file=sys.stderr)
-        code = 1
-    except KeyboardInterrupt:
-        print(f"{options.show}: ended by Ctrl-C", file=sys.stderr)
-        code = 130
-    for path in show.draw(options.show):
-        print("made", path)
-    return code
+    finally:
+        for path in show.draw(options.show):
+            print("made", path)
+    return 0
 
 
 if __name__ == "__main__":

@@ -1,24 +1,18 @@
 """A delivery by programs of their own: starts central and the robot's modules, gives the object, reads the journal."""
 
-import shutil
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 from robots.processes import Processes
+from robots.show import START_TIME, central, looks
 from robots.youbot_sim.messages import CARRY_OBJECTS, LOOK, MEASURE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER, OFFER_OBJECT
 from robots.youbot_sim.outcome import CarriedObject, read_delivery
 from robots.youbot_sim.robot import Physics, make_robot
 from robots.youbot_sim.vocabulary import JointReadings
-from tca_module import Client, SentTask, TcaError, Timeout, connect
+from tca_module import Client, connect
 from tca_tools.run.journals import open_log
 
 MODULES = ("base", "arm", "gripper", "perception")
-START_TIME = 60.0
-"""Seconds within which all programs must be there."""
-
-LOOKS = 0.1
-"""Seconds between two looks at whether they still are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,21 +46,17 @@ class DeliveryShow:
     def run(self) -> CarriedObject:
         """Carry it out, in place of an earlier one."""
         schedule = self._schedule
-        shutil.rmtree(self.journal, ignore_errors=True)
         simulator = ["--backend", self._backend, *(["--covered"] * schedule.starts_covered)]
         for change in schedule.changes:
             simulator += ["--change", str(change)]
-        with tempfile.TemporaryDirectory(prefix="youbot") as sockets:
-            address = f"ipc://{sockets}/central.sock"
-            with Processes(self._folder, {"TCA_CENTRAL": address}) as processes:
-                processes.start("central", "tca_central", "--journal", str(self.journal))
-                processes.start("simulator", _program("simulator"), *simulator)
-                for name in MODULES:
-                    processes.start(name, _program(name))
-                processes.start("coordinator", _program("coordinator"), *([] if schedule.has_preview else ["--plain"]))
-                processes.start("user", _program("user"))
-                with connect("show", address) as client:
-                    self._watch(client, processes)
+        with central(self._folder) as (address, processes):
+            processes.start("simulator", _program("simulator"), *simulator)
+            for name in MODULES:
+                processes.start(name, _program(name))
+            processes.start("coordinator", _program("coordinator"), *([] if schedule.has_preview else ["--plain"]))
+            processes.start("user", _program("user"))
+            with connect("show", address) as client:
+                self._watch(client, processes)
         return read_delivery(open_log(self.journal))
 
     def picture(self) -> Path:
@@ -86,20 +76,10 @@ class DeliveryShow:
         )
         with client.observe(MOVE_GRIPPER, states=["running"]) as moves:
             carrying = client.command(CARRY_OBJECTS, 1)
-            while _is_going_on(carrying):
-                if ended := processes.ended():
-                    raise TcaError(f"{ended} has ended: see {processes.log(ended)}")
+            for _ in looks(carrying, processes):
                 if any(move.goal.to == "open" for move in moves.arrived()) and self._seen is None:
                     self._seen = client.query(MEASURE)
             carrying.result()
-
-
-def _is_going_on(task: SentTask[None]) -> bool:
-    try:
-        task.wait(LOOKS)
-    except Timeout:
-        return True
-    return False
 
 
 def _program(name: str) -> str:

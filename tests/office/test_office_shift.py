@@ -11,7 +11,7 @@ from office.stepped import LAYERS, keep_free, office, the
 from robots.office_sim.layers import battery, grasps, vanished_cups
 from robots.office_sim.layers.battery import RECHARGE, TRIES
 from robots.office_sim.messages import COLLECT_CUP, KEEP_FLOOR_FREE, SCENE
-from robots.office_sim.vocabulary import Block, CupState, LabScene
+from robots.office_sim.vocabulary import CupState, LabScene
 from robots.office_sim.world import OfficeWorld
 from tca_module import Client, TaskFailed
 
@@ -98,8 +98,7 @@ def test_a_cup_that_is_in_the_hand_comes_along_to_the_charger_and_then_into_the_
 def test_a_robot_waits_for_a_blocked_charger_but_not_for_ever(*, is_removed: bool) -> None:
     """A box stands on the charger, and the robot comes with a cup in its hand."""
     world = OfficeWorld(9, 30.0, battery=0.35)
-    charger = world.floor.charger
-    box = Block(charger.x, charger.y, charger.x, charger.y).grown(0.2)
+    box = world.floor.charger.around(0.2)
     world.floor.tables.append(box)
     with office(world) as (central, user):
         keeping = user.goal(KEEP_FLOOR_FREE)

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robots.office_sim.errors import NoPath
 from robots.office_sim.modules.vision import PATIENCE, CupTracks
-from robots.office_sim.paths import RADIUS, is_clear, path_to
+from robots.office_sim.paths import RADIUS, NoPath, is_clear, path_to
 from robots.office_sim.vocabulary import Approach, Block, CupState, FloorPlan, Grasped, LabScene, Spot
 from robots.office_sim.world import CHARGING, DRIVING, SPEED, OfficeWorld
 

@@ -1,6 +1,5 @@
 """The planner: how a cup gets into the bin, and how the robot gets anywhere."""
 
-from robots.office_sim.errors import NoPath
 from robots.office_sim.messages import (
     COLLECT_CUP,
     DROP,
@@ -14,7 +13,7 @@ from robots.office_sim.messages import (
     REACH,
     ROBOT_SPOT,
 )
-from robots.office_sim.paths import path_to
+from robots.office_sim.paths import NoPath, path_to
 from robots.office_sim.program import run
 from robots.office_sim.vocabulary import Approach, Cup
 from tca_module import Module, Task
