@@ -27,13 +27,10 @@ STYLE = """\
 .number { font-size: 10px; text-anchor: middle; } .light { fill: #fff; }
 """
 
-LOOKS = {
-    CupState.BIN: "collected",
-    CupState.TAKEN: "taken",
-    CupState.FLOOR: "left",
-    CupState.HAND: "left",
-}
+LOOKS = {CupState.BIN: "collected", CupState.TAKEN: "taken", CupState.FLOOR: "left", CupState.HAND: "left"}
 """How a cup is drawn; one that is still to come is not."""
+CUPS = {"collected": "collected, where it lay", "taken": "taken by somebody", "left": "left on the floor"}
+WAYS = {"way": "on the way to a cup", "carrying": "with a cup"}
 
 
 def draw(scene: LabScene, title: str) -> str:
@@ -62,14 +59,10 @@ def draw(scene: LabScene, title: str) -> str:
 
 def in_words(scene: LabScene) -> str:
     """What came of it, in one line."""
-    states = [cup.state for cup in scene.cups]
-    collected, taken = states.count(CupState.BIN), states.count(CupState.TAKEN)
-    left = states.count(CupState.FLOOR) + states.count(CupState.HAND)
-    charged = f"charged {scene.charges} time{'s' * (scene.charges != 1)}"
-    return (
-        f"{collected + taken + left} cups in {scene.time:.0f} s, {collected} collected, {taken} taken by people, "
-        f"{left} left; {charged}"
-    )
+    became = [LOOKS[cup.state] for cup in scene.cups if cup.state in LOOKS]
+    collected, taken, left = map(became.count, CUPS)
+    cups = f"{len(became)} cups in {scene.time:.0f} s, {collected} collected, {taken} taken by people, {left} left"
+    return f"{cups}; charged {scene.charges} time{'s' * (scene.charges != 1)}"
 
 
 class _LabMap:
@@ -115,17 +108,13 @@ def _cup(look: str, x: float, y: float, number: str) -> Iterable[str]:
 
 def _legend(floor: FloorPlan) -> Iterable[str]:
     x, y = MARGIN + CUP, TOP + floor.depth * SCALE + 30
-    for look, words, width in (
-        ("collected", "collected, where it lay", 170),
-        ("taken", "taken by somebody", 140),
-        ("left", "left on the floor", 130),
-    ):
+    for look, words in CUPS.items():
         yield from _cup(look, x, y, "")
         yield f'<text x="{x + CUP + 7:.1f}" y="{y + 4:.1f}">{words}</text>'
-        x += width + CUP
-    for look, words, width in (("way", "on the way to a cup", 165), ("carrying", "with a cup", 110)):
+        x += 6 * len(words) + 42
+    for look, words in WAYS.items():
         yield f'<polyline class="{look}" points="{x:.1f},{y:.1f} {x + 28:.1f},{y:.1f}"/>'
         yield f'<text x="{x + 34:.1f}" y="{y + 4:.1f}">{words}</text>'
-        x += width
+        x += 6 * len(words) + 50
     yield _circle("robot", x, y, CUP)
     yield f'<text x="{x + CUP + 6:.1f}" y="{y + 4:.1f}">the robot</text>'

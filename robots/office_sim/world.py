@@ -143,10 +143,10 @@ class OfficeWorld:
 
     def close_fingers(self, spot: Spot) -> Grasped:
         """Grasp what lies there."""
-        near = [cup for cup in self._those(CupState.FLOOR) if cup.spot.to(spot) <= TOLERANCE]
-        if not near or not self._reaches(near[0].spot) or self._those(CupState.HAND):
+        near = [cup for cup in self._those(CupState.FLOOR) if cup.spot.to(spot) <= TOLERANCE and self._reaches(spot)]
+        if not near or self._those(CupState.HAND):
             return Grasped.NOTHING
-        (cup,) = near
+        cup = near[0]
         if cup.slips:
             cup.slips -= 1
             self._happens(f"cup {cup.number} slips")
@@ -159,10 +159,11 @@ class OfficeWorld:
         """Let go: over the bin the cup is gone, elsewhere it lies there. Whether there was one."""
         held = self._those(CupState.HAND)
         for cup in held:
-            is_over_bin = self._reaches(self.floor.bin)
-            if not is_over_bin:
+            if self._reaches(self.floor.bin):
+                self._becomes(cup, CupState.BIN)
+            else:
                 cup.spot = self.robot
-            self._becomes(cup, CupState.BIN if is_over_bin else CupState.FLOOR)
+                self._becomes(cup, CupState.FLOOR)
             self._trail.append(Stretch(with_cup=False, points=[self.robot]))
         return bool(held)
 

@@ -7,7 +7,6 @@ that turns the arm, three that lean it, and one that turns the gripper.
 import math
 from dataclasses import dataclass
 
-from robots.youbot_sim.errors import PoseUnreachable
 from robots.youbot_sim.vocabulary import Joints
 
 MOUNT = 0.167
@@ -21,6 +20,10 @@ LIMITS = tuple(
     (math.radians(low), math.radians(high))
     for low, high in ((-169.0, 169.0), (-65.0, 90.0), (-151.0, 146.0), (-102.5, 102.5), (-167.5, 167.5))
 )
+
+
+class PoseUnreachable(Exception):
+    """A pose that the arm can't take."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,9 @@ from robots.show import START_TIME, central, looks
 from robots.youbot_sim.messages import CARRY_OBJECTS, LOOK, MEASURE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER, OFFER_OBJECT
 from robots.youbot_sim.outcome import CarriedObject, read_delivery
 from robots.youbot_sim.robot import Physics, make_robot
-from robots.youbot_sim.vocabulary import JointReadings
+from robots.youbot_sim.vocabulary import GROUPS, JointReadings
 from tca_module import Client, connect
 from tca_tools.run.journals import open_log
-
-MODULES = ("base", "arm", "gripper", "perception")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +49,9 @@ class DeliveryShow:
             simulator += ["--change", str(change)]
         with central(self._folder) as (address, processes):
             processes.start("simulator", _program("simulator"), *simulator)
-            for name in MODULES:
-                processes.start(name, _program(name))
+            for group in GROUPS:
+                processes.start(group, _program("mover"), group)
+            processes.start("perception", _program("perception"))
             processes.start("coordinator", _program("coordinator"), *([] if schedule.has_preview else ["--plain"]))
             processes.start("user", _program("user"))
             with connect("show", address) as client:

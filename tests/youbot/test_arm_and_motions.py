@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robots.youbot_sim.drives import Drives
-from robots.youbot_sim.errors import PoseUnreachable
-from robots.youbot_sim.kinematics import LIMITS, Grip, grip_of, joints_for, tip_in_world
+from robots.youbot_sim.kinematics import LIMITS, Grip, PoseUnreachable, grip_of, joints_for, tip_in_world
 from robots.youbot_sim.motion import ACCELERATIONS, SPEEDS, go_on, halt, plan
 from robots.youbot_sim.places import BOXES, POSES
 from robots.youbot_sim.vocabulary import GROUPS, Drive, Group, Joints, Motion, ObjectPlace

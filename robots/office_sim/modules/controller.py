@@ -15,7 +15,6 @@ from robots.office_sim.messages import (
     NO_CUP_THERE,
     NOT_AT_CHARGER,
     OPEN_FINGERS,
-    ROBOT_SPOT,
     STUCK,
 )
 from robots.office_sim.program import run
@@ -25,10 +24,11 @@ from tca_module import Module, Task
 GRASPING, DROPPING = 2.0, 1.0
 """Seconds that the arm needs."""
 
-SETTLING, PATIENCE = 0.05, 20
-"""Seconds after which it is looked again whether the base has arrived, and how often."""
+SETTLING = 0.05
+"""Seconds more than the base should need for its way."""
 
 TOLERANCE = 0.02
+"""Metres that it may be wrong by."""
 
 
 class Hand:
@@ -53,17 +53,14 @@ class Hand:
     def drop(self, task: Task) -> None:
         """Let go of what it holds."""
         task.sleep(DROPPING / self._pace)
-        self._open(task)
+        self.let_go(task, self.held)
 
-    def let_go(self, task: Task, number: int) -> None:
-        """Let go of one cup, at once."""
+    def let_go(self, task: Task, number: int | None) -> None:
+        """Let go at once, if it holds the cup with this number."""
         if self.held == number:
-            self._open(task)
-
-    def _open(self, task: Task) -> None:
-        with task.shielded():
-            task.query(OPEN_FINGERS)
-            self.held = None
+            with task.shielded():
+                task.query(OPEN_FINGERS)
+                self.held = None
 
 
 def make_module(pace: float) -> Module:
@@ -85,16 +82,12 @@ def follow_path(task: Task, way: list[Spot]) -> None:
     if not way:
         return
     try:
-        task.sleep(task.query(DRIVE, way))
-        for _ in range(PATIENCE):
-            missing = task.query(ROBOT_SPOT).to(way[-1])
-            if missing <= TOLERANCE:
-                return
-            task.sleep(SETTLING)
+        task.sleep(task.query(DRIVE, way) + SETTLING)
     finally:
         with task.shielded():  # a killed one, too, leaves the base at rest
-            task.query(HALT)
-    raise STUCK(missing, f"the robot stands {missing:.2f} m from where it should be")
+            missing = task.query(HALT).to(way[-1])
+    if missing > TOLERANCE:
+        raise STUCK(missing, f"the robot stands {missing:.2f} m from where it should be")
 
 
 def charge(task: Task) -> None:
