@@ -18,9 +18,9 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 
 
-def walk(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+def walk(folder: Path, *options: str, timeout: float = 150.0) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "robots.ambler_sim", "--out", str(folder), *options]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=150, check=False)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=timeout, check=False)
 
 
 @pytest.fixture(scope="module", params=["kinematic", pytest.param("pybullet", marks=pytest.mark.soak)])

@@ -58,16 +58,16 @@ on or more.
 @dataclass(frozen=True, slots=True)
 class MemoryUse:
     """What programs need at the end, in MB: central, and all of them; and how fast (MB in 100 m) that of the one that
-    grew fastest grew.
+    grew fastest grew, if the walk was long enough to say.
     """
 
     central: float = 0.0
     all: float = 0.0
-    growth: float = math.nan
+    growth: float | None = None
     fastest: str = ""
 
     def __str__(self) -> str:
-        grew = f", at most {self.growth:+.1f} in 100 m ({self.fastest})" if self.fastest else ""
+        grew = "" if self.growth is None else f", at most {self.growth:+.1f} in 100 m ({self.fastest})"
         return f"{self.central:.0f} and {self.all:.0f} MB{grew}"
 
 
@@ -87,10 +87,10 @@ class Life:
             self.warm = self.last
 
     @property
-    def growth(self) -> float:
-        """MB in 100 m, since it has warmed up; of a short life nothing can be said (NaN)."""
+    def growth(self) -> float | None:
+        """MB in 100 m, since it has warmed up; None: too short a life to say."""
         metres = self.last[0] - self.warm[0]
-        return 100 * (self.last[1] - self.warm[1]) / metres if metres >= WARM_UP else math.nan
+        return 100 * (self.last[1] - self.warm[1]) / metres if metres >= WARM_UP else None
 
 
 @dataclass
@@ -111,8 +111,8 @@ class Usage:
     def at_end(self) -> MemoryUse:
         """At the end of the walk, and how it came to that."""
         ends = {self.lives[process].name: self.lives[process].last[1] for process in self.now}
-        growths = [(life.growth, life.name) for life in self.lives.values() if not math.isnan(life.growth)]
-        return MemoryUse(ends.get(CENTRAL, 0.0), sum(ends.values()), *max(growths, default=(math.nan, "")))
+        growths = [(life.growth, life.name) for life in self.lives.values() if life.growth is not None]
+        return MemoryUse(ends.get(CENTRAL, 0.0), sum(ends.values()), *max(growths, default=(None, "")))
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,7 +56,7 @@ class Losses:
         self._killer.start()
 
     def _kill(self, name: str) -> None:
-        with connect("fault injector's hand", self._address) as client:
+        with connect("losses", self._address) as client:
             _wait(lambda: has_something_in_hand(client, name))
             process = self._processes.kill_and_restart(name)
             while not any(one.process.endswith(f":{process}") for one in client.modules()):
