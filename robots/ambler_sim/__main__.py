@@ -33,7 +33,7 @@ from robots.ambler_sim.run.figures import Figures, Usage, figures_of
 from robots.ambler_sim.run.losing import Losses
 from robots.ambler_sim.vocabulary import KINDS, Rock
 from robots.processes import Processes
-from tca_module import Outcome, TaskFailed, TcaError, Timeout
+from tca_module import Module, Outcome, TaskFailed, TcaError, Timeout
 from tca_module.sending.task_ref import SentTask
 from tca_tools.gantt.__main__ import gantt
 from tca_tools.tasktree_viz.__main__ import tree
@@ -186,9 +186,17 @@ class Walk:
                 self.wall = time.monotonic() - began
                 losses.end()
                 if code == 0:
-                    picture = module.query(PICTURE, str(self.folder / "robot.png"), timeout=PICTURE_TIME)
-                    self.outputs.append(("the robot", Path(picture)))
+                    self.photograph(module)
         return code
+
+    def photograph(self, module: Module) -> None:
+        """Have the robot drawn where it is now. A walk without a picture is a walk."""
+        try:
+            picture = module.query(PICTURE, str(self.folder / "robot.png"), timeout=PICTURE_TIME)
+        except TcaError as error:
+            console.print(f"no picture of the robot: {error}", style="yellow")
+        else:
+            self.outputs.append(("the robot", Path(picture)))
 
     def show(self, metres: float, progress: Progress, bar: TaskID) -> None:
         """The robot has come so far."""

@@ -18,6 +18,9 @@ CENTRAL = "central"
 PATIENCE = 4.0
 """Seconds that a program is given to come to rest, and then to get something in hand, before it is killed."""
 
+START_TIME = 60.0
+"""Seconds in which it must be back."""
+
 _LOOK_AGAIN = 0.02  # seconds
 
 
@@ -59,8 +62,7 @@ class Losses:
         with connect("losses", self._address) as client:
             _wait(lambda: has_something_in_hand(client, name))
             process = self._processes.kill_and_restart(name)
-            while not any(one.process.endswith(f":{process}") for one in client.modules()):
-                time.sleep(_LOOK_AGAIN)
+            _wait(lambda: any(one.process.endswith(f":{process}") for one in client.modules()), START_TIME)
             client.broadcast(FAULT_BEGAN, Fault("lost module"))
 
 
@@ -69,7 +71,7 @@ def has_something_in_hand(sender: Task | Client, name: str) -> bool:
     return any(resource.handling for one in sender.modules() if one.name == name for resource in one.resources)
 
 
-def _wait(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE
+def _wait(condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
+    deadline = time.monotonic() + seconds
     while not condition() and time.monotonic() < deadline:
         time.sleep(_LOOK_AGAIN)
