@@ -46,6 +46,18 @@ def compile_once(config: pytest.Config) -> None:
         subprocess.run(command, cwd=config.invocation_params.dir, stdout=subprocess.DEVNULL, check=False)
 
 
+@pytest.hookimpl(optionalhook=True)  # not all have xdist
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """Each file's tests go to one worker, and all tests that need the browser: starting one costs as much as ten tests."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class OneBrowser(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return "tests/view" if nodeid.startswith("tests/view/") else super()._split_scope(nodeid)
+
+    return OneBrowser(config, log)
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
     """No collection of garbage looks through thousands of tests and all modules: not while they come, and not later."""
