@@ -49,9 +49,9 @@ def compile_once(config: pytest.Config) -> None:
 @pytest.hookimpl(optionalhook=True)  # not all have xdist
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
     """Each file's tests go to one worker, and all tests that need the browser: starting one costs as much as ten tests."""
-    from xdist.scheduler import LoadFileScheduling
+    from xdist.scheduler import LoadFileScheduling  # type: ignore[import-untyped]
 
-    class OneBrowser(LoadFileScheduling):
+    class OneBrowser(LoadFileScheduling):  # type: ignore[misc]
         def _split_scope(self, nodeid: str) -> str:
             return "tests/view" if nodeid.startswith("tests/view/") else super()._split_scope(nodeid)
 

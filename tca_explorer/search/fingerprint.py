@@ -269,7 +269,9 @@ class _Walk:
         try:
             written = msgspec.msgpack.encode(self._out)
         except OverflowError:  # MessagePack has no longer integers
-            written = msgspec.msgpack.encode([hex(one) if type(one) is int else one for one in self._out])
+            written = msgspec.msgpack.encode(
+                [hex(one) if type(one) is int and one.bit_length() > _WIDEST else one for one in self._out]
+            )
         return blake2b(written, digest_size=16).digest()
 
 
@@ -279,6 +281,7 @@ _LIST, _DICT, _NAME, _THING, _KNOWN, _END = (msgspec.msgpack.Ext(code, b"") for 
 _PLAIN = frozenset((str, bytes, bool, int, float, type(None)))
 _EMPTY: dict[type, tuple[Any, int]] = {list: (_LIST, 0), tuple: (_LIST, 0), deque: (_LIST, 0), dict: (_DICT, 0)}
 _CONTAINERS = (list, tuple, dict, set, frozenset, deque)
+_WIDEST = 63  # bits of an integer
 _DIGITS = 6  # of seconds: times that differ by less are the same but for rounding
 _WAYS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
     ((Enum,), lambda walk, value: walk.add(value.value)),

@@ -28,7 +28,7 @@ TALL = "1.1 0.9 0.25 1.9"
 BROAD = "1.4 0.3 0.7 1.9"
 """Too broad for a leg to go around, until the feet stand otherwise."""
 
-HUGE = "4.8 0.0 2.4 1.9"
+HUGE = "5.2 0.0 2.4 1.9"
 """No leg gets past it: the walk is given up there."""
 
 UNCHECKED = ("--without", "stability", "--without", "footfall")
