@@ -48,7 +48,9 @@ def compile_once(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)  # not all have xdist
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
-    """Each file's tests go to one worker, and all tests that need the browser: starting one costs as much as ten tests."""
+    """With ``--dist loadfile`` one worker runs all tests of the page: a browser costs as much as ten of them."""
+    if config.getoption("dist") != "loadfile":
+        return None
     from xdist.scheduler import LoadFileScheduling  # type: ignore[import-untyped]
 
     class OneBrowser(LoadFileScheduling):  # type: ignore[misc]

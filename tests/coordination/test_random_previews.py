@@ -72,7 +72,7 @@ def test_a_machine_goes_the_way_that_it_goes_without_a_preview(seed: int) -> Non
     )  # wrong predictions may cost time, again and again, but it stands nowhere still
 
 
-@settings(max_examples=40)
+@settings(max_examples=12)
 @given(SEEDS)
 def test_each_visit_to_a_state_has_an_execution_of_its_own(seed: int) -> None:
     machine = random_round(Random(seed))
