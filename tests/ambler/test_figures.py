@@ -43,6 +43,6 @@ def test_memory_is_compared_within_one_life_of_a_program() -> None:
 
 
 def test_growth_is_what_came_after_the_warm_up() -> None:
-    grown = Life("mapper", 10.0, warm=(60.0, 40.0), last=(160.0, 42.5))
+    grown = Life("mapper", 10.0, warm=(160.0, 40.0), last=(260.0, 42.5))
     assert grown.growth == 2.5
-    assert Life("mapper", 10.0, last=(160.0, 42.5)).growth is None
+    assert Life("mapper", 10.0, last=(260.0, 45.0)).growth is None

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.soak
 MOST_HARMLESS = 2
 """Faults of 500 m that come to nothing: a rock beside which the leg goes, one with the last footstep."""
 
-MOST_GROWTH = 3.0
+MOST_GROWTH = 1.5
 """MB in 100 m."""
 
 

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from robots.ambler_sim.geometry import SHAFT_Y, Array, feet_of, leg_joints, offset, to_world
-from robots.ambler_sim.machine.motion import HANGING_LOAD
+from robots.ambler_sim.geometry import Array, feet_of, to_world
+from robots.ambler_sim.machine.motion import HANGING_LOAD, Segment
 from robots.ambler_sim.machine.plant import Attitude, Plant
-from robots.ambler_sim.machine.terrain import Terrain
+from robots.ambler_sim.machine.terrain import HOLE_RADIUS, Terrain
 from robots.ambler_sim.planning.stability import support_margin
-from robots.ambler_sim.vocabulary import LEGS, Fault, Foot, LegMove, Rock, Stance
+from robots.ambler_sim.vocabulary import LEGS, Fault, Foot, Rock, Stance
 
 LAG = 0.25
 """The share of its speed that a joint with a motion fault has left."""
@@ -28,13 +28,13 @@ SCANNER_KINDS = ("no image", "bad image")
 ROCK, SOFT_SPOT = "unseen rock", "soft spot"
 
 ROCK_RADIUS, ROCK_ROOM, ROCK_ABOVE = 0.2, 0.6, 0.15
-"""Of a rock that is put in the way (m): its distance from the foot before, and its height above the way."""
+"""Of a rock that is put in the way (m): its least distance from the foot before, and its height above the way."""
 
 HIGHEST_ROCK = 1.0
 """Metres above the ground around it."""
 
 SPARED = 0.5
-"""Metres: ground gives way under a leg without which the robot stands by that much; else it would rock."""
+"""Metres: ground gives way under legs without which the robot stands by that much; else it would rock."""
 
 
 class FaultyPlant:
@@ -58,17 +58,15 @@ class FaultyPlant:
             self.faults.append(fault)
             self._begin(fault)
 
-    def before_leg_move(self, move: LegMove, terrain: Terrain) -> None:
-        """Put a rock in front of the shaft, where the foot swings, and higher than that is lifted."""
+    def before_swing(self, leg: int, swing: Segment, terrain: Terrain) -> None:
+        """Put a rock in the middle of the way that a lifted foot swings, higher than that is, if there is room."""
         for fault in self._armed_of(ROCK)[:1]:
-            stance = self._stance()
-            angle = leg_joints(stance.pose, move.foothold)[0] / 2
-            ahead, left = move.radius * math.cos(angle), SHAFT_Y[move.leg] + move.radius * math.sin(angle)
-            x, y = offset(stance.pose, ahead, left)
-            start = stance.feet[move.leg]
-            if math.hypot(x - start.x, y - start.y) > ROCK_ROOM:
-                height = min(move.lift + ROCK_ABOVE - terrain.height(x, y), HIGHEST_ROCK)
-                self.plant.add_rock(Rock(x, y, ROCK_RADIUS, height))
+            joints = self.plant.joints()
+            joints[leg] = swing.at(0.5)
+            there, start = self._stance(joints).feet[leg], self._stance().feet[leg]
+            height = there.z + ROCK_ABOVE - terrain.height(there.x, there.y)
+            if math.dist((there.x, there.y), (start.x, start.y)) > ROCK_ROOM and height <= HIGHEST_ROCK:
+                self.plant.add_rock(Rock(there.x, there.y, ROCK_RADIUS, height))
                 self._begin(fault)
 
     def after_move(self) -> bool:
@@ -185,19 +183,21 @@ class FaultyPlant:
         self._begun.append(fault)
 
     def _gives_way(self, fault: Fault) -> bool:
-        """The ground under the fault's leg falls in, or under the next one that is not needed, if any is not."""
+        """The ground under the fault's leg falls in, or under the next one that is not needed, nor those around it."""
         stance, loads = self._stance(), self.loads()
         for leg in (*LEGS[fault.leg :], *LEGS[: fault.leg]):
-            if not (loads < HANGING_LOAD).any() and support_margin(stance, leg) > SPARED:
-                self.plant.give_way(stance.feet[leg].x, stance.feet[leg].y)
+            x, y = stance.feet[leg].x, stance.feet[leg].y
+            falling = [foot.leg for foot in stance.feet if math.dist((foot.x, foot.y), (x, y)) < HOLE_RADIUS]
+            if not (loads < HANGING_LOAD).any() and support_margin(stance, *falling) > SPARED:
+                self.plant.give_way(x, y)
                 self._begin(fault)
                 return True
         return False
 
-    def _stance(self) -> Stance:
-        """Where body and feet really are."""
+    def _stance(self, joints: Array | None = None) -> Stance:
+        """Where body and feet really are, or would be with these joints."""
         pose = self.attitude().pose
-        world = to_world(pose, feet_of(self.plant.joints()))
+        world = to_world(pose, feet_of(self.plant.joints() if joints is None else joints))
         return Stance(pose, tuple(Foot(leg, float(x), float(y), float(z)) for leg, (x, y, z) in enumerate(world)))
 
     def _offsets(self) -> Array:

@@ -35,6 +35,10 @@ BACK_OFF = 0.25
 """How far (m) a foot goes back from what it met before it is put down."""
 
 
+ROTATING = 2
+"""Which of the segments of a leg move swings the lifted foot around the shaft."""
+
+
 @dataclass(frozen=True, eq=False)
 class Segment:
     """One leg's joints go from *start* to *end* in *duration* seconds."""

@@ -10,7 +10,7 @@ from robots.ambler_sim.errors import AmplifierTripped, JointFault, TerrainContac
 from robots.ambler_sim.geometry import AMBLER, Array, feet_of, joints_of, to_body, to_world
 from robots.ambler_sim.machine import motion, scanner
 from robots.ambler_sim.machine.faults import FaultyPlant
-from robots.ambler_sim.machine.motion import blend, ease, expected_seconds, leg_segments
+from robots.ambler_sim.machine.motion import ROTATING, blend, ease, expected_seconds, leg_segments
 from robots.ambler_sim.machine.odometry import Odometry, compass
 from robots.ambler_sim.machine.pacing import MoveWatch, OnTick, Pacer
 from robots.ambler_sim.machine.plant import Plant, make_posture
@@ -168,8 +168,8 @@ class Robot:
         """
         self._require_amplifiers()
         self._rebase()
-        self._plant.before_leg_move(move, self.terrain)
         segments = leg_segments(move, self._pose(), self._command[move.leg])
+        self._plant.before_swing(move.leg, segments[ROTATING], self.terrain)
         watch = MoveWatch(expected_seconds(segments), on_tick)
         self._airborne.add(move.leg)
         contact = self._swing_over(move.leg, segments, watch)

@@ -45,6 +45,7 @@ class Terrain:
         self._relief = Relief(spec.kind, spec.seed, min(spec.slope, STEEPNESS.get(spec.kind, spec.slope)))
         self._added: deque[Rock] = deque(maxlen=MOST_ADDED)
         self._holes = deque(spec.holes, maxlen=MOST_ADDED)
+        self._tops: dict[Rock, float] = {}  #: far ones, too, of which no ground is kept
         self._row, self._column = -CELLS // 2, -CELLS // 2
         self._kept = self.lattice(self._row, self._column, CELLS, CELLS)
 
@@ -112,7 +113,9 @@ class Terrain:
 
     def top(self, rock: Rock) -> float:
         """The height of a rock's highest point in the world."""
-        return self.height(rock.x, rock.y) + rock.height
+        if rock not in self._tops:
+            self._tops[rock] = self.height(rock.x, rock.y) + rock.height
+        return self._tops[rock]
 
     def under(self, places: Array) -> Array:
         """The height under these points (n, 3): of the ground, or of the top of a rock that they are not below."""

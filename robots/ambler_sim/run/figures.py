@@ -49,7 +49,7 @@ CLASS = 0.05
 """Of slopes, in the histogram."""
 
 
-WARM_UP = 50.0
+WARM_UP = 100.0
 """Metres after which the memory of a program that has been started is compared with what it needs later, as many metres
 on or more.
 """
@@ -239,8 +239,8 @@ def is_recovery(task: Task) -> bool:
 
 
 def _faults(history: History) -> dict[str, FaultFigures]:
-    """For each kind, how many began, and of how many the recovery was seen. A program counts as lost when it is back:
-    its recovery is the robot's next footstep, or its arrival.
+    """For each kind, how many began, and of how many the recovery was seen. That from the loss of a program is the
+    robot's next footstep, or its arrival.
     """
     began, mended, steps = defaultdict[str, list[float]](list), defaultdict[str, list[float]](list), []
     for message in history.messages.values():

@@ -10,23 +10,25 @@ from collections.abc import Callable
 from typing import Self
 
 from robots.ambler_sim.messages import FAULT_BEGAN
+from robots.ambler_sim.modules.planners import PLANNERS
 from robots.ambler_sim.vocabulary import Fault
 from robots.processes import Processes
 from tca_module import Client, Task, connect
 
 CENTRAL = "central"
 PATIENCE = 4.0
-"""Seconds that a program is given to come to rest, and then to get something in hand, before it is killed."""
+"""Seconds that a planner is given to get something in hand before it is killed."""
 
 START_TIME = 60.0
-"""Seconds in which it must be back."""
+"""Seconds in which a program must be back."""
 
 _LOOK_AGAIN = 0.02  # seconds
 
 
 class Losses:
-    """Kills programs, one after the other. A module is made to stand still once it is at rest, and killed with the next
-    message that it is given: so what is lost with it does not depend on what was faster.
+    """Kills programs, one after the other. A planner that is asked is made to stand still, and killed with the next
+    question in hand: it remembers nothing, so the walk is the same however far it had come. The others are killed at
+    once, while a move is held.
     """
 
     def __init__(self, processes: Processes, address: str) -> None:
@@ -46,32 +48,39 @@ class Losses:
             self._killer.join()
 
     def lose(self, task: Task, name: str) -> None:
-        """Kill central, and return when it is back; or stop a module, which is killed soon after."""
+        """Kill a program, and return when it is back; or stop a planner, which is killed soon after."""
         self.end()
-        if name == CENTRAL:
-            self._processes.kill_and_restart(name)
-            task.modules()
-            task.broadcast(FAULT_BEGAN, Fault("lost central"))
+        if name in PLANNERS:
+            self._processes.halt(name)
+            self._killer = threading.Thread(target=self._kill_when_asked, args=(name,))
+            self._killer.start()
             return
-        _wait(lambda: not has_something_in_hand(task, name))
-        self._processes.halt(name)
-        self._killer = threading.Thread(target=self._kill, args=(name,))
-        self._killer.start()
+        process = self._processes.kill_and_restart(name)
+        _wait(lambda: name == CENTRAL or is_there(task, process), START_TIME)
+        task.broadcast(FAULT_BEGAN, Fault("lost central" if name == CENTRAL else "lost module"))
 
-    def _kill(self, name: str) -> None:
+    def _kill_when_asked(self, planner: str) -> None:
+        process = 0
         with connect("losses", self._address) as client:
-            _wait(lambda: has_something_in_hand(client, name))
-            process = self._processes.kill_and_restart(name)
-            _wait(lambda: any(one.process.endswith(f":{process}") for one in client.modules()), START_TIME)
+            try:
+                _wait(lambda: has_something_in_hand(client, planner), PATIENCE)
+            finally:
+                process = self._processes.kill_and_restart(planner)
             client.broadcast(FAULT_BEGAN, Fault("lost module"))
+            _wait(lambda: is_there(client, process), START_TIME)
 
 
-def has_something_in_hand(sender: Task | Client, name: str) -> bool:
-    """Whether central has given the module something that it has not done yet."""
-    return any(resource.handling for one in sender.modules() if one.name == name for resource in one.resources)
+def has_something_in_hand(client: Client, module: str) -> bool:
+    """Whether central has given a module something that it has not done yet."""
+    return any(resource.handling for one in client.modules() if one.name == module for resource in one.resources)
 
 
-def _wait(condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
+def is_there(sender: Task | Client, process: int) -> bool:
+    """Whether central knows a module of this process."""
+    return any(one.process.endswith(f":{process}") for one in sender.modules())
+
+
+def _wait(condition: Callable[[], bool], seconds: float) -> None:
     deadline = time.monotonic() + seconds
     while not condition() and time.monotonic() < deadline:
         time.sleep(_LOOK_AGAIN)
