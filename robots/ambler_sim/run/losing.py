@@ -17,7 +17,7 @@ from tca_module import Client, Task, connect
 
 CENTRAL = "central"
 PATIENCE = 4.0
-"""Seconds that a planner is given to get something in hand before it is killed."""
+"""Seconds that all are given to come to rest, and then a planner to be asked, before a program is killed."""
 
 START_TIME = 60.0
 """Seconds in which a program must be back."""
@@ -26,9 +26,9 @@ _LOOK_AGAIN = 0.02  # seconds
 
 
 class Losses:
-    """Kills programs, one after the other. A planner that is asked is made to stand still, and killed with the next
-    question in hand: it remembers nothing, so the walk is the same however far it had come. The others are killed at
-    once, while a move is held.
+    """Kills programs, one after the other, while a move is held and all that could be done beside it is done: so
+    what is lost does not depend on what was faster. A planner that is asked is then made to stand still, and killed with
+    the next question in hand.
     """
 
     def __init__(self, processes: Processes, address: str) -> None:
@@ -50,29 +50,35 @@ class Losses:
     def lose(self, task: Task, name: str) -> None:
         """Kill a program, and return when it is back; or stop a planner, which is killed soon after."""
         self.end()
+        _wait(lambda: is_quiet(task), PATIENCE)
         if name in PLANNERS:
             self._processes.halt(name)
             self._killer = threading.Thread(target=self._kill_when_asked, args=(name,))
             self._killer.start()
             return
         process = self._processes.kill_and_restart(name)
-        _wait(lambda: name == CENTRAL or is_there(task, process), START_TIME)
+        _wait(lambda: is_there(task, process) or name == CENTRAL, START_TIME)
         task.broadcast(FAULT_BEGAN, Fault("lost central" if name == CENTRAL else "lost module"))
 
     def _kill_when_asked(self, planner: str) -> None:
         process = 0
         with connect("losses", self._address) as client:
             try:
-                _wait(lambda: has_something_in_hand(client, planner), PATIENCE)
+                _wait(lambda: planner in busy(client), PATIENCE)
             finally:
                 process = self._processes.kill_and_restart(planner)
             client.broadcast(FAULT_BEGAN, Fault("lost module"))
             _wait(lambda: is_there(client, process), START_TIME)
 
 
-def has_something_in_hand(client: Client, module: str) -> bool:
-    """Whether central has given a module something that it has not done yet."""
-    return any(resource.handling for one in client.modules() if one.name == module for resource in one.resources)
+def is_quiet(task: Task) -> bool:
+    """Whether nobody does anything but those who see to the loss."""
+    return not busy(task) - {"task manager", "fault injector"}
+
+
+def busy(sender: Task | Client) -> set[str]:
+    """The modules to which central has given something that they have not done yet."""
+    return {one.name for one in sender.modules() if any(resource.handling for resource in one.resources)}
 
 
 def is_there(sender: Task | Client, process: int) -> bool:
