@@ -16,7 +16,17 @@ from robots.ambler_sim.layers.stability import STABILITY_CHECK, UNSTABLE_MOVE
 from robots.ambler_sim.layers.tip_over import STEADY
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.machine.robot import Robot
-from robots.ambler_sim.messages import LEVEL_BODY, MOVE_BODY, MOVE_LEG, TIP_OVER_RISK, TRAVERSE_PATH, Bend, Path
+from robots.ambler_sim.messages import (
+    ACQUIRE_IMAGE,
+    IMAGES,
+    LEVEL_BODY,
+    MOVE_BODY,
+    MOVE_LEG,
+    TIP_OVER_RISK,
+    TRAVERSE_PATH,
+    Bend,
+    Path,
+)
 from robots.ambler_sim.modules import (
     controller,
     error_recovery,
@@ -137,6 +147,15 @@ def test_a_leg_under_which_the_ground_gives_way_is_put_down_before_anything_move
     user.command(MOVE_BODY, BodyMove(pose, 1.0)).result(timeout=10)
     assert len(sent(central, LEVEL_BODY.name)) == 1
     assert min(robot.readings().loads) > 1000.0
+
+
+def test_an_image_is_newer_than_those_before_though_footsteps_are_counted_anew(user: Client) -> None:
+    """As after the loss of the gait planner, which counts them."""
+    user.command(ACQUIRE_IMAGE, 5).result(timeout=10)
+    (first,) = user.query(IMAGES, 0)
+    user.command(ACQUIRE_IMAGE, 0).result(timeout=10)
+    (second,) = user.query(IMAGES, first.number)
+    assert second.number > first.number
 
 
 def test_a_move_that_tilts_the_robot_begins_again_when_it_is_level(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from robots.ambler_sim.machine.making import START
 from robots.ambler_sim.machine.plant import standing_posture
 from robots.ambler_sim.machine.terrain import TERRAINS, make_terrain
-from robots.ambler_sim.vocabulary import TerrainSpec
+from robots.ambler_sim.vocabulary import Rock, TerrainSpec
 
 
 @given(st.integers(0, 10**6), st.floats(0.02, 0.4), st.floats(-0.6, 0.6))
@@ -72,3 +72,13 @@ def test_where_ground_gives_way_it_falls_in_and_nowhere_else() -> None:
     assert fallen == pytest.approx([0.25, 0.25, 0.125, 0.0, 0.0], abs=0.06)
     again = make_terrain(terrain.present)
     assert again.heights_at(x, y) == pytest.approx(terrain.heights_at(x, y))
+
+
+def test_rocks_far_behind_do_not_bring_their_ground_back() -> None:
+    """Only one part of the ground is kept: what asks for two by turns makes both anew, again and again."""
+    terrain, rock = make_terrain(TerrainSpec(seed=7, slope=0.3)), Rock(0.0, 1.0, 0.2, 0.5)
+    top = terrain.top(rock)
+    terrain.height(400.0, 0.0)
+    kept = terrain._kept
+    assert terrain.top(rock) == top
+    assert terrain._kept is kept

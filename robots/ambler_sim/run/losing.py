@@ -26,9 +26,9 @@ _LOOK_AGAIN = 0.02  # seconds
 
 
 class Losses:
-    """Kills programs, one after the other, while a move is held and all that could be done beside it is done: so
-    what is lost does not depend on what was faster. A planner that is asked is then made to stand still, and killed with
-    the next question in hand.
+    """Kills programs, one after the other, while a move is held and all that could be done beside it is done: so what
+    is lost does not depend on what was faster. A planner that is asked is then made to stand still, and killed with the
+    next question in hand.
     """
 
     def __init__(self, processes: Processes, address: str) -> None:
