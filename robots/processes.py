@@ -24,8 +24,14 @@ class Processes:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for name in reversed(list(self._running)):
-            self.stop(name)
+        try:
+            for name in reversed(list(self._running)):
+                self.stop(name)
+        except KeyboardInterrupt:  # somebody does not want to wait
+            for process in self._running.values():
+                process.kill()
+                process.wait()
+            raise
 
     def start(self, name: str, module: str, *arguments: str) -> None:
         """Run a Python module under this name."""
@@ -42,11 +48,16 @@ class Processes:
         process = self._running.pop(name)
         if process.poll() is None:
             process.send_signal(signal.SIGTERM)
+            process.send_signal(signal.SIGCONT)  # it may have been halted
         try:
             return process.wait(GRACE)
         except subprocess.TimeoutExpired:
             process.kill()
             return process.wait()
+        except KeyboardInterrupt:
+            process.kill()
+            process.wait()
+            raise
 
     def kill_and_restart(self, name: str) -> int:
         """Kill a program, and run it once more; the number of the new process."""
