@@ -14,7 +14,8 @@ STEPS = [10.0 * number for number in range(1, 31)]
     [
         ([12.0, 55.0], [13.0, 57.0], 2),
         ([12.0, 55.0], [13.0, 14.0], 1),  # two after the first are none for the second
-        ([12.0, 55.0], [57.0], 1),  # what comes after the second is none for the first
+        ([12.0, 55.0], [57.0], 1),  # one is none for both
+        ([12.0, 13.0], [14.0, 15.0], 2),  # as by two legs at once
         ([12.0], [11.0], 0),  # nothing recovers from what is to come
         ([12.0], [STEPS[ROUND] + 1.0], 1),
         ([12.0], [STEPS[ROUND + 1] + 1.0], 0),  # too late to be meant

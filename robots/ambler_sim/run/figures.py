@@ -267,15 +267,16 @@ def walked_on(losses: Sequence[float], steps: Sequence[float]) -> int:
 
 
 def recovered(faults: Sequence[float], recoveries: Sequence[float], steps: Sequence[float]) -> int:
-    """How many of the *faults* of one kind were followed by a fitting recovery before the next of that kind, and
-    within a ROUND of footsteps. All are times; recoveries and steps are sorted.
+    """How many of the *faults* of one kind were followed by a fitting recovery within a ROUND of footsteps, each by
+    another one. All are times; recoveries and steps are sorted.
     """
-    found = 0
-    for fault, following in pairwise((*sorted(faults), math.inf)):
+    found = following = 0
+    for fault in sorted(faults):
         last = bisect_right(steps, fault) + ROUND
-        until = min(following, steps[last] if last < len(steps) else math.inf)
-        first = bisect_left(recoveries, fault)
-        found += first < len(recoveries) and recoveries[first] < until
+        following = max(following, bisect_left(recoveries, fault))
+        if following < len(recoveries) and recoveries[following] < (steps[last] if last < len(steps) else math.inf):
+            following += 1
+            found += 1
     return found
 
 
