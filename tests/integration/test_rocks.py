@@ -205,9 +205,9 @@ FAULTS = {
     "unseen rock@13": "raise leg",
     "no footfall@15": "plan otherwise",
     "soft spot@16": "",
-    "lost module@18": "",
+    "lost module@18": "do again",
     "lost central@20": "",
-    "lost module@22": "",
+    "lost module@22": "do again",
 }
 
 

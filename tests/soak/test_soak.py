@@ -44,7 +44,20 @@ def test_the_ambler_walks_five_hundred_metres_of_steep_hills_whatever_goes_wrong
 
 
 def test_the_same_seed_gives_the_same_footsteps(tmp_path: Path) -> None:
-    options = ("--backend", "kinematic", "--distance", "30", "--terrain", "hills", "--faults", "all", "--pace", "0")
+    losses = [text for step in (5, 9, 14, 20, 26, 33, 40) for text in ("--fault", f"lost module@{step}")]
+    options = (
+        *losses,
+        "--backend",
+        "kinematic",
+        "--distance",
+        "30",
+        "--terrain",
+        "hills",
+        "--faults",
+        "all",
+        "--pace",
+        "0",
+    )
     for name in ("first", "again"):
         assert walk(tmp_path / name, *options).returncode == 0
     first, again = ((tmp_path / name / "footsteps.jsonl").read_bytes() for name in ("first", "again"))
