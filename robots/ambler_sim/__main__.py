@@ -30,7 +30,7 @@ from robots.ambler_sim.modules.planners import PLANNERS
 from robots.ambler_sim.pictures.film import join_frames, why_no_film
 from robots.ambler_sim.recovery import GIVE_UP, is_attached
 from robots.ambler_sim.run.figures import Figures, Usage, figures_of
-from robots.ambler_sim.run.losing import Losses
+from robots.ambler_sim.run.losing import ProgramKiller
 from robots.ambler_sim.vocabulary import KINDS, Rock
 from robots.processes import Processes
 from tca_module import Module, Outcome, TaskFailed, TcaError, Timeout
@@ -160,13 +160,13 @@ class Walk:
     def conduct(self, address: str, processes: Processes) -> int:
         """Be the task manager: send the goal and watch it being achieved."""
         columns = ("[bold]{task.description}", BarColumn(), "{task.completed:4.1f} of {task.total:.1f} m")
-        losses = Losses(processes, address)
-        with losses, Progress(*map(_column, columns), TimeElapsedColumn(), console=console) as progress:
+        killer = ProgramKiller(processes, address)
+        with killer, Progress(*map(_column, columns), TimeElapsedColumn(), console=console) as progress:
             bar = progress.add_task("walking", total=self.options.metres)
             module = task_manager.make_module(
                 lambda metres: self.show(metres, progress, bar),
                 lambda number: self.confirm(number, progress, processes),
-                losses.lose,
+                killer.kill,
             )
             module.central = address
             with module.running():
@@ -184,7 +184,7 @@ class Walk:
                     lambda: self.usage.look(self.walked, processes.numbers()),
                 )
                 self.wall = time.monotonic() - began
-                losses.end()
+                killer.end()
                 if code == 0:
                     self.photograph(module)
         return code

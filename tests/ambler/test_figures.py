@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from robots.ambler_sim.run.figures import ROUND, WARM_UP, Life, Usage, recovered, walked_on
+from robots.ambler_sim.run.figures import ROUND, WARM_UP, ProgramLife, Usage, recovered, walked_on
 
 STEPS = [10.0 * number for number in range(1, 31)]
 
@@ -44,6 +44,6 @@ def test_memory_is_compared_within_one_life_of_a_program() -> None:
 
 
 def test_growth_is_what_came_after_the_warm_up() -> None:
-    grown = Life("mapper", 10.0, warm=(160.0, 40.0), last=(260.0, 42.5))
+    grown = ProgramLife("mapper", 10.0, warm=(160.0, 40.0), last=(260.0, 42.5))
     assert grown.growth == 2.5
-    assert Life("mapper", 10.0, last=(260.0, 45.0)).growth is None
+    assert ProgramLife("mapper", 10.0, last=(260.0, 45.0)).growth is None

@@ -46,13 +46,18 @@ def served(folder: Path) -> Iterator[tuple[str, Rover]]:
 
 @contextmanager
 def on_its_trip(address: str, robot: Rover, folder: Path, *, stays: bool = False) -> "Iterator[subprocess.Popen[str]]":
-    """The mission in a process, when it drives its second way."""
+    """The mission in a process, when it drives its second way, and has noted both drives' tasks."""
     process = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(TRIP.format(stays=stays))], cwd=folder, text=True, stderr=subprocess.PIPE,
         env={**os.environ, "TCA_CENTRAL": address},
     )  # fmt: skip
+
+    def drives_back() -> bool:
+        steps = folder / "trip.steps"
+        return "to 2" in robot.done and steps.exists() and steps.read_bytes().count(b'"is":"task"') >= 2
+
     try:
-        until(lambda: "to 2" in robot.done or process.poll() is not None, "the rover drives back", SOON)
+        until(lambda: drives_back() or process.poll() is not None, "the rover drives back", SOON)
         yield process
     finally:
         process.kill()

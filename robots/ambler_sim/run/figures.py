@@ -72,7 +72,7 @@ class MemoryUse:
 
 
 @dataclass(slots=True)
-class Life:
+class ProgramLife:
     """What a program needs (MB) by the metres walked, from its start on until it is killed or the walk ends."""
 
     name: str
@@ -97,7 +97,7 @@ class Life:
 class Usage:
     """What programs need while the walk goes on. A program that was started anew has another life."""
 
-    lives: dict[int, Life] = field(default_factory=dict)
+    lives: dict[int, ProgramLife] = field(default_factory=dict)
     """By process."""
 
     now: tuple[int, ...] = ()
@@ -106,7 +106,7 @@ class Usage:
         """Note what these programs need now."""
         self.now = tuple(processes.values())
         for name, process in processes.items():
-            self.lives.setdefault(process, Life(name, metres)).look(metres, process)
+            self.lives.setdefault(process, ProgramLife(name, metres)).look(metres, process)
 
     def at_end(self) -> MemoryUse:
         """At the end of the walk, and how it came to that."""

@@ -25,7 +25,7 @@ START_TIME = 60.0
 _LOOK_AGAIN = 0.02  # seconds
 
 
-class Losses:
+class ProgramKiller:
     """Kills programs, one after the other, while a move is held and all that could be done beside it is done: so what
     is lost does not depend on what was faster. A planner that is asked is then made to stand still, and killed with the
     next question in hand.
@@ -47,7 +47,7 @@ class Losses:
         if self._killer is not None:
             self._killer.join()
 
-    def lose(self, task: Task, name: str) -> None:
+    def kill(self, task: Task, name: str) -> None:
         """Kill a program, and return when it is back; or stop a planner, which is killed soon after."""
         self.end()
         _wait(lambda: is_quiet(task), PATIENCE)
