@@ -56,7 +56,6 @@ class CasesProperty(Property):
         """Whether it is true of a run with these cases, or says nothing of it."""
         return counted.share >= self._least or counted.number < self.fewest
 
-
     def why_not_judged(self, counted: Counted) -> str:
         """Why it says nothing of a run with these cases; "" if it says something."""
         if counted.number >= self.fewest:
