@@ -38,6 +38,7 @@ def keep_free(
     """Let the robot work until no cup is left; *look* is called every second."""
     with office(world, layers) as (central, user):
         keeping = user.goal(KEEP_FLOOR_FREE)
+        central.until_quiet()  # else the user's question and what the goal sends are in a race
         while has_cups_left(scene := user.query(SCENE)):
             assert scene.time < LONG
             look(user, scene)
