@@ -49,7 +49,7 @@ START_TIME = 60.0
 """Seconds within which they must be there."""
 
 PICTURE_TIME = 300.0
-"""Seconds that the last picture may take: physics draws all ground that was walked on."""
+"""Seconds that the last picture may take: on a busy machine without a graphics card more than half a minute."""
 
 LOOK_PERIOD = 0.5
 """Seconds between two looks at whether all programs are still there, and whether one is to be killed."""

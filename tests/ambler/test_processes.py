@@ -9,7 +9,9 @@ from types import FrameType
 
 import pytest
 
+from robots.ambler_sim.run.losing import ProgramKiller
 from robots.processes import Processes
+from tca_module import TcaError
 
 DEAF = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('deaf', flush=True); time.sleep(60)"
 IDLE = "import time; print('idle', flush=True); time.sleep(60)"
@@ -59,3 +61,14 @@ def test_a_program_that_was_halted_ends_when_it_is_told_to(tmp_path: Path) -> No
         start(processes, "idle", IDLE)
         processes.halt("idle")
         assert processes.stop("idle") == -signal.SIGTERM
+
+
+@pytest.mark.soak
+def test_a_planner_that_was_halted_is_back_though_central_does_not_answer(tmp_path: Path) -> None:
+    with Processes(tmp_path, {}) as processes:
+        halted = start(processes, "footfall planner", IDLE)
+        processes.halt("footfall planner")
+        with pytest.raises(TcaError):
+            ProgramKiller(processes, f"ipc://{tmp_path}/nobody.sock")._kill_when_asked("footfall planner")
+        assert processes.numbers()["footfall planner"] != halted
+        assert not is_alive(halted)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import pytest
 from click.testing import CliRunner
 
-from robots.ambler_sim.run.rules import FOOTFALL, RULES, STABILITY
+from robots.ambler_sim.run.rules import FOOTFALL, PLANNED_AHEAD, RULES, STABILITY
 from tca_tools.check.__main__ import check
 from tca_tools.check.rules import RULES as RULES_OF_TASKS
 from tca_tools.run.fold import History
@@ -179,6 +179,13 @@ def test_a_walk_says_itself_which_rules_it_has_broken(given_up: Walk) -> None:
     lines = given_up.output.splitlines()
     broken = {line.partition(": ")[2].partition(": ")[0] for line in lines if "broken: " in line}
     assert broken == {str(STABILITY), str(FOOTFALL)}
+
+
+@pytest.mark.soak
+def test_a_sequential_walk_is_not_planned_ahead(tmp_path: Path) -> None:
+    done = walk(tmp_path, "--backend", "kinematic", "--distance", "12", "--mode", "sequential")
+    assert_walked(done)
+    assert f"broken: {PLANNED_AHEAD}" in " ".join(done.output.split())
 
 
 @pytest.mark.soak

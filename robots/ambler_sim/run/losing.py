@@ -57,16 +57,16 @@ class ProgramKiller:
             self._killer.start()
             return
         process = self._processes.kill_and_restart(name)
-        _wait(lambda: is_there(task, process) or name == CENTRAL, START_TIME)
+        _wait(lambda: is_there(task, process) or name == CENTRAL, START_TIME)  # central, once it answers
         task.broadcast(FAULT_BEGAN, Fault("lost central" if name == CENTRAL else "lost module"))
 
     def _kill_when_asked(self, planner: str) -> None:
-        process = 0
-        with connect("losses", self._address) as client:
-            try:
+        try:
+            with connect("losses", self._address) as client:
                 _wait(lambda: planner in busy(client), PATIENCE)
-            finally:
-                process = self._processes.kill_and_restart(planner)
+        finally:  # also where central does not answer: else it would stand still for ever
+            process = self._processes.kill_and_restart(planner)
+        with connect("losses", self._address) as client:
             client.broadcast(FAULT_BEGAN, Fault("lost module"))
             _wait(lambda: is_there(client, process), START_TIME)
 
