@@ -1,5 +1,6 @@
 # demo   the Ambler walks, then its task tree and Gantt chart        test    all tests but the long ones
-# check  format, lint, types, tests with coverage                    bench   what messages cost here
+# lint   format, lint, types                                          bench   what messages cost here
+# check  lint, and tests with coverage
 # soak   all tests, the long ones too, on new random lives            clean   away with what the others made
 # compiled  a wheel with central's core as machine code, in build/wheel; the tests of central with it
 PYTHON ?= python3
@@ -8,7 +9,7 @@ READY := .venv/ready
 # three: many wait for processes of their own, and two do not keep two cores busy
 AT_ONCE := -n 3 --dist loadfile
 
-.PHONY: demo test check bench soak compiled clean
+.PHONY: demo test lint check bench soak compiled clean
 .DELETE_ON_ERROR:
 
 demo: $(READY)
@@ -17,10 +18,13 @@ demo: $(READY)
 test: $(READY)
 	$(BIN)/python -m pytest $(AT_ONCE)
 
-check: $(READY)
+lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy .
+	$(BIN)/pyright
+
+check: lint
 	$(BIN)/python -m pytest $(AT_ONCE) --cov --cov-report=term:skip-covered
 
 bench: $(READY)

@@ -58,7 +58,7 @@ from tca_wire.messages.declarations import (
 )
 from tca_wire.messages.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, HandlerCount
 from tca_wire.points import Edge, Interval, Moment, Point
-from tca_wire.vocabulary import Condition, Outcome, Party, Scope
+from tca_wire.vocabulary import Condition, Outcome, Party, Refusal, Scope
 
 __all__ = [
     "BASIC",
@@ -121,6 +121,7 @@ __all__ = [
     "Query",
     "QueryFailed",
     "Recovery",
+    "Refusal",
     "Refused",
     "Rejected",
     "ResourceInfo",

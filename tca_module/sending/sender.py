@@ -45,30 +45,34 @@ _RECOVERIES = checks.ArgumentKind(
 
 
 class TaskOptions(TypedDict, total=False):
-    """The relation of a new task to its siblings."""
+    """The relation of a new task to its siblings.
+
+    Args:
+        sequential: it is achieved after the sibling before it (SEQ_ACH). Default: True.
+        sequential_planning: it is planned after the sibling before it has been planned (SEQ_PLANNING).
+        plan_first: all of it is planned before any of it is done (PLAN_FIRST).
+        delay_planning: it is planned only when it may be achieved (DELAY_PLANNING).
+        priority: the higher one is first where several wait for one resource. Default: 0.
+        constraints: other constraints; ``this`` stands for the new task.
+        on_failure: exception handlers of the new task, each newer than the one before it.
+        deadline: seconds, above 0. If it is not achieved within them, the failure "timeout" is raised on it. Default:
+            None, no bound.
+        delay: seconds from now before which it is not started. Default: 0.
+        keep: its data, outcome and place can be asked for after its end, as after ``keep()`` of its handle.
+        suspended: it is created suspended, and starts after ``resume()`` of its handle: order it with others before.
+    """
 
     sequential: bool
-    """It is achieved after the sibling before it (SEQ_ACH); True unless said otherwise."""
     sequential_planning: bool
-    """It is planned after the sibling before it has been planned (SEQ_PLANNING)."""
     plan_first: bool
-    """All of it is planned before any of it is done (PLAN_FIRST)."""
     delay_planning: bool
-    """It is planned only when it may be achieved (DELAY_PLANNING)."""
     priority: int
-    """Higher goes first where several wait for one resource."""
     constraints: Sequence[Constraint]
-    """Others; ``this`` stands for the new task."""
     on_failure: Sequence[Recovery]
-    """Exception handlers of the new task, each newer than the one before it."""
     deadline: float | None
-    """Seconds, above 0, within which it must be achieved, or the failure "timeout" is raised on it; None: no bound."""
     delay: float
-    """Seconds, from now, within which it is not started; 0: at once."""
     keep: bool
-    """Its data, outcome and place can be asked for after its end, as after ``keep()`` of its handle."""
     suspended: bool
-    """It is created suspended, and starts only after ``resume()`` of its handle: order it with others before that."""
 
 
 _OPTIONS = dict.fromkeys(TaskOptions.__annotations__, checks.FLAG) | {

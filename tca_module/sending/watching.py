@@ -23,33 +23,41 @@ from tca_wire.vocabulary import Condition
 
 
 class Watched(TypedDict, total=False):
-    """The options of a monitor (TCA 8.5: CreateMonitorOptions). Times in seconds, above 0; None is as if not given."""
+    """The options of a watching monitor (TCA 8.5: CreateMonitorOptions). None is as if not given.
+
+    Args:
+        period: seconds, above 0, between a polling monitor's tests of its condition.
+        maximum: the number of actions after which it ends.
+        fire_every: an action is sent once in this number of times that the condition holds, or it is fired.
+        initial_wait: a polling monitor tests first after one period, not at once.
+        duration: seconds, above 0, after which it ends.
+        until: the point at which it ends.
+        waited_for: its parent waits for its end, which something must bring about: for a goal that is over when the
+            monitor has acted.
+    """
 
     period: float
-    """The time between a polling monitor's tests of its condition."""
     maximum: int | None
-    """It ends after so many actions."""
     fire_every: int
-    """Only every so many times that the condition holds, or it is fired, an action is sent."""
     initial_wait: bool
-    """A polling monitor tests first after one period, not at once."""
     duration: float | None
-    """It ends after so many seconds."""
     until: Point | None
-    """It ends when this point is reached."""
     waited_for: bool
-    """Its parent waits for its end, which somebody or something must bring about: for a goal that is over when the
-    monitor has acted."""
 
 
 class MonitorOptions(Watched, total=False):
-    """All options of a new monitor."""
+    """All options of a new monitor: those of ``Watched``, and its relation to its siblings.
+
+    Args:
+        period, maximum, fire_every, initial_wait, duration, until, waited_for: see ``Watched``.
+        sequential: a point monitor tests after the sibling before it has been achieved. Default: True.
+        constraints: other constraints; ``this`` stands for the new monitor.
+        suspended: it is created suspended, and watches only after ``resume()`` of its handle.
+    """
 
     sequential: bool
-    """A point monitor tests after the sibling before it has been achieved; True unless said otherwise."""
     constraints: list[Constraint]
     suspended: bool
-    """It is created suspended, and watches only after ``resume()`` of its handle."""
 
 
 _WATCHED = {

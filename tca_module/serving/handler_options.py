@@ -16,28 +16,31 @@ WhenBusy = Literal["queue", "preempt", "reject"]
 
 
 class HandlerOptions(TypedDict, total=False):
-    """The options of a handler. Those after *direct* are for tasks."""
+    """The options of a handler. Those after *direct* are for tasks.
+
+    Args:
+        resource: the resource that handles it. Default: None, the module's own.
+        pool: modules that name the same pool share the messages. Default: None.
+        pending: the most messages that wait for this handler. One more displaces the oldest: an inform or broadcast is
+            dropped, a query fails with "overload", a goal or command is killed. Default: None, no bound.
+        direct: this inform or query may come straight from its senders: faster, but without priority, and in the
+            journal without data. It goes through central while a wiretap or another handler wants it.
+        accepts: the handler calls ``task.accept()`` itself. Default: False, it has accepted when it gets the task.
+        takes: the clients' requests that the handler decides about, such as ["update", "cancel"]. Without it an update
+            lets the task begin again with the new goal, and a cancel kills it.
+        refuses: the clients' requests that are refused in its name.
+        when_busy: the fate of a task that would have to wait: "queue" (it waits), "preempt" (the others are cancelled)
+            or "reject". Default: None, as its resource says.
+    """
 
     resource: str | None
-    """The resource that handles it; the module's own unless said otherwise."""
     pool: str | None
-    """Modules that name the same one share the messages."""
     pending: int | None
-    """At most that many wait for this handler; one more displaces the oldest: an inform or broadcast is dropped, a
-    query fails with "overload", a goal or command is killed."""
     direct: bool
-    """This inform or query may come straight from its senders: faster, but without priority, and in the journal without
-    data. It goes through central while a wiretap or another handler wants it."""
     accepts: bool
-    """The handler says itself when it has accepted a task, with ``task.accept()``; else it has when it gets it."""
     takes: Collection[str]
-    """The requests of clients that the handler hears and decides about, such as ["update", "cancel"]. Of the others, an
-    update lets the task begin anew with the new goal, a cancel kills it."""
     refuses: Collection[str]
-    """The requests of clients that are refused in its name."""
     when_busy: WhenBusy | None
-    """What becomes of a task that would have to wait: "queue" (it waits), "preempt" (the newest goes on, the others are
-    cancelled) or "reject"; None: as its resource says."""
 
 
 BUSY = ArgumentKind("'queue', 'preempt' or 'reject'", lambda value: value in tuple(Busy))

@@ -14,7 +14,8 @@ import msgspec
 from tca_wire.errors import BadFormat
 from tca_wire.messages.declarations import Broadcast, Command, D, Goal, Inform, Message, Query
 from tca_wire.messages.fitting import alternatives, first_misfit
-from tca_wire.messages.formats import NIL, NO_DATA, schema_text
+from tca_wire.messages.formats import NIL, NO_DATA
+from tca_wire.messages.schemas import schema_text
 from tca_wire.packets.parts import MessageFormat
 from tca_wire.vocabulary import MessageClass
 

@@ -9,14 +9,12 @@ import json
 from typing import Any
 
 from tca_wire.messages.formats import brief
+from tca_wire.messages.schemas import TEXT_FORMATS
 
 _AT_LEAST = ("minimum", "exclusiveMinimum", "minLength", "minItems", "minProperties")
 _AT_MOST = ("maximum", "exclusiveMaximum", "maxLength", "maxItems", "maxProperties")
 _LENGTHS = ("minLength", "minItems", "minProperties")
 _EQUAL = ("multipleOf", "pattern")
-
-_TEXTS = frozenset(("uuid", "decimal", "date", "time", "duration"))
-"""Formats of what travels as text, and can be read as that."""
 
 _TYPES = {str: "string", int: "integer", float: "number", bool: "boolean", type(None): "null"}
 
@@ -100,6 +98,8 @@ class _Fitting:
             return _differ(sent, wanted)
         found = _out_of_bounds(sent, wanted)
         if found is None and kinds[1] == "object":
+            found = self.misfit(sent.get("propertyNames", _ANYTHING), wanted.get("propertyNames", _ANYTHING))
+        if found is None and kinds[1] == "object":
             found = self._fields(sent, wanted) or self._other_fields(sent, wanted)
         if found is None and kinds[1] == "array":
             found = self._items(sent, wanted)
@@ -181,7 +181,8 @@ def _takes_form(sent: Any, wanted: Any) -> bool:
     if sent.get("contentEncoding") != wanted.get("contentEncoding"):
         return False
     mine, yours = wanted.get("format"), sent.get("format")
-    return bool(mine == yours or (mine is None and yours in _TEXTS))
+    is_any_zone = mine is not None and mine.startswith("any-") and yours in (mine[4:], f"partial-{mine[4:]}")
+    return bool(mine == yours or is_any_zone or (mine is None and yours in TEXT_FORMATS))
 
 
 def _out_of_bounds(sent: Any, wanted: Any) -> str | None:

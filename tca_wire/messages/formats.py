@@ -1,15 +1,14 @@
-"""Formats of user data: from Python type hints to MessagePack and JSON Schema. Knows nothing of messages.
-
-numpy is not imported here: an array says how it is built, and a type that names numpy has imported it already.
-"""
+"""Formats of user data: from Python type hints to MessagePack and JSON Schema. Knows nothing of messages."""
 
 import json
-import sys
-from typing import Any, Generic, TypeVar, get_args, get_origin
+from typing import Any, Generic, TypeVar
 
 import msgspec
 
 from tca_wire.errors import BadData, BadFormat
+from tca_wire.messages.arrays import decode_array, decode_custom, encode_custom
+from tca_wire.messages.losses import first_loss
+from tca_wire.messages.schemas import schema_text
 from tca_wire.vocabulary import Limit
 
 T = TypeVar("T")
@@ -26,60 +25,7 @@ MISSION_TASK = "x-tca-mission"
 _CERTAIN = (bytes, str, float, int, bool, type(None))
 """Types whose values can be read wherever they can be sent."""
 
-_NDARRAY = 1  # MessagePack extension type: [dtype, shape, bytes in C order]
 _UNFIT = (msgspec.MsgspecError, UnicodeDecodeError, UnicodeEncodeError, RecursionError, TypeError, OverflowError)
-
-
-def _is_array_type(kind: Any) -> bool:
-    origin = get_origin(kind) or kind
-    return getattr(origin, "__name__", "") == "ndarray" and getattr(origin, "__module__", "") == "numpy"
-
-
-def _encode_custom(value: Any) -> Any:
-    """Encode what msgspec does not know: numpy arrays and numpy's numbers, numbers that know more than they are."""
-    if isinstance(value, int):
-        return int(value)
-    if _is_array_type(type(value)):
-        if value.dtype.hasobject:
-            msg = f"an array of dtype {value.dtype} holds Python objects"
-            raise TypeError(msg)
-        return msgspec.msgpack.Ext(_NDARRAY, msgspec.msgpack.encode([value.dtype.str, value.shape, value.tobytes()]))
-    if type(value).__module__ == "numpy" and hasattr(value, "item"):
-        return value.item()
-    msg = f"objects of type {type(value).__name__} can't be sent"
-    raise TypeError(msg)
-
-
-def _decode_array(code: int, data: memoryview) -> Any:
-    if code != _NDARRAY:
-        return msgspec.msgpack.Ext(code, bytes(data))
-    dtype, shape, content = msgspec.msgpack.decode(data, type=tuple[str, tuple[int, ...], bytes])
-    numpy: Any = sys.modules.get("numpy")
-    if numpy is None:  # a tool without numpy: still show what there is
-        return {"dtype": dtype, "shape": shape}
-    try:
-        return numpy.frombuffer(bytearray(content), dtype=numpy.dtype(dtype)).reshape(shape)
-    except (ValueError, TypeError) as error:
-        msg = f"damaged array ({error})"
-        raise msgspec.ValidationError(msg) from None
-
-
-def _decode_custom(kind: Any, value: Any) -> Any:
-    if not _is_array_type(kind) or not _is_array_type(type(value)):
-        msg = f"Expected `{getattr(kind, '__name__', kind)}`, got `{type(value).__name__}`"
-        raise msgspec.ValidationError(msg)
-    wanted = [part for hint in get_args(kind)[1:] for part in get_args(hint)]
-    if wanted and isinstance(wanted[0], type) and not issubclass(value.dtype.type, wanted[0]):
-        msg = f"Expected an array of `{wanted[0].__name__}`, got one of `{value.dtype}`"
-        raise msgspec.ValidationError(msg)
-    return value
-
-
-def _schema_of_custom(kind: Any) -> dict[str, Any]:
-    if _is_array_type(kind):
-        return {"type": "array", "format": "numpy"}
-    msg = f"{getattr(kind, '__name__', kind)} has no format; use a dataclass, msgspec.Struct or TypedDict"
-    raise BadFormat(msg)
 
 
 class Format(Generic[T]):
@@ -93,12 +39,13 @@ class Format(Generic[T]):
         self.kind = kind
         try:
             self.schema = schema_text(kind)
-            self._decoder = msgspec.msgpack.Decoder(kind, dec_hook=_decode_custom, ext_hook=_decode_array)
+            self._decoder = msgspec.msgpack.Decoder(kind, dec_hook=decode_custom, ext_hook=decode_array)
         except (TypeError, NameError, ValueError) as error:
             msg = f"{self} can't be a format: {error}"
             raise BadFormat(msg) from None
-        self._encoder = msgspec.msgpack.Encoder(enc_hook=_encode_custom)
+        self._encoder = msgspec.msgpack.Encoder(enc_hook=encode_custom)
         self._certain = kind if kind in _CERTAIN else None
+        self._has_fields = '"properties"' in self.schema or '"prefixItems"' in self.schema
 
     def __str__(self) -> str:
         return "None" if self.kind is type(None) else getattr(self.kind, "__name__", None) or str(self.kind)
@@ -113,7 +60,9 @@ class Format(Generic[T]):
             msg = f"{len(data)} bytes; a message holds at most {Limit.BODY:d}: send a reference to it instead"
             raise BadData(msg)
         if type(value) is not self._certain:
-            self.decode(data)  # msgspec checks types only when it decodes
+            read = self.decode(data)  # msgspec checks types only when it decodes
+            if self._has_fields and (loss := first_loss(value, read)):
+                raise BadData(f"{self} has no place for `{loss}`: it would be lost")
         return data
 
     def decode(self, data: bytes) -> T:
@@ -128,14 +77,9 @@ class Format(Generic[T]):
 def decode_untyped(data: bytes) -> Any:
     """User data of unknown type, as plain Python values; for tools. Raises BadData."""
     try:
-        return msgspec.msgpack.decode(data, ext_hook=_decode_array) if data else None
+        return msgspec.msgpack.decode(data, ext_hook=decode_array) if data else None
     except _UNFIT as error:
         raise BadData(f"{error}") from None
-
-
-def schema_text(kind: Any) -> str:
-    """The JSON Schema of a type, as canonical text."""
-    return json.dumps(msgspec.json.schema(kind, schema_hook=_schema_of_custom), sort_keys=True, separators=(",", ":"))
 
 
 # Parts of a schema that say nothing about which data fits.

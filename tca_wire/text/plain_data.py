@@ -9,20 +9,15 @@ import binascii
 import json
 import re
 from collections.abc import Callable, Sequence
-from datetime import date, datetime, time, timedelta
-from decimal import Decimal
 from difflib import get_close_matches
 from typing import Any
-from uuid import UUID
 
 import msgspec
 
 from tca_wire.errors import BadData
 from tca_wire.messages.formats import Format, brief
+from tca_wire.messages.schemas import TEXT_FORMATS
 
-_TEXTS = {
-    "date-time": datetime, "date": date, "time": time, "duration": timedelta, "uuid": UUID, "decimal": Decimal
-}  # fmt: skip
 _BOUNDS: dict[str, tuple[Callable[[Any, Any], bool], str]] = {
     "minimum": (lambda value, bound: value >= bound, "at least {}"),
     "maximum": (lambda value, bound: value <= bound, "at most {}"),
@@ -37,9 +32,11 @@ _BOUNDS: dict[str, tuple[Callable[[Any, Any], bool], str]] = {
 }
 _WORDS = {
     "object": "an object", "array": "a list", "string": "a text", "integer": "a whole number", "number": "a number",
-    "boolean": "true or false", "null": "null", "date-time": "a time like 2024-02-03T12:00:00Z", "date":
-    "a date like 2024-02-03", "time": "a time like 12:00:00", "duration": "a duration like PT1.5S", "uuid": "a UUID",
-    "decimal": "a decimal number as text",
+    "boolean": "true or false", "null": "null", "date": "a date like 2024-02-03",
+    "date-time": "a time like 2024-02-03T12:00:00Z", "partial-date-time": "a time like 2024-02-03T12:00:00",
+    "any-date-time": "a time like 2024-02-03T12:00:00Z, or without the Z", "time": "a time of day like 12:00:00Z",
+    "partial-time": "a time of day like 12:00:00", "any-time": "a time of day like 12:00:00",
+    "duration": "a duration like PT1.5S", "uuid": "a UUID", "decimal": "a decimal number as text",
 }  # fmt: skip
 _SIMPLE: dict[str, Any] = {"integer": int, "number": int | float, "boolean": bool, "null": type(None)}
 _LONGEST_SHOWN = 40
@@ -134,6 +131,7 @@ _PARTS: dict[str, Callable[[Any], Any]] = {
     "enum": _list,
     "required": lambda part: [one for one in part if isinstance(one, str)] if isinstance(part, list) else None,
     "items": _sound,
+    "propertyNames": _sound,
     "additionalProperties": lambda part: part if isinstance(part, bool) else _sound(part),
     "discriminator": lambda part: _sound(part) or None,
     "mapping": lambda part: {name: to for name, to in part.items() if _text(to)} if isinstance(part, dict) else None,
@@ -272,7 +270,16 @@ class _DataBuilder:
         for name in schema.get("required", ()):
             if name not in value:
                 raise FieldMisfit(_field(path, name), f"is missing: it must be {self._wanted(fields.get(name))}")
-        return {name: self.fit(fields.get(name, others), one, _field(path, name)) for name, one in value.items()}
+        names = schema.get("propertyNames", {})
+        return {
+            self._key(names, name, path): self.fit(fields.get(name, others), one, _field(path, name))
+            for name, one in value.items()
+        }
+
+    def _key(self, schema: dict[str, Any], name: Any, path: str) -> Any:
+        """A key of a mapping: JSON writes all keys as text."""
+        is_text = schema.get("type", "string") == "string" and "enum" not in schema
+        return self.fit(schema, name if is_text or not isinstance(name, str) else Bare(name), _field(path, name))
 
     def _array(self, schema: dict[str, Any], value: Any, path: str) -> Any:
         if schema.get("format") == "numpy":
@@ -293,7 +300,7 @@ class _DataBuilder:
                 return base64.b64decode(value, validate=True)
             except (binascii.Error, ValueError):
                 raise FieldMisfit(path, f"holds bytes, written in base64, and {_shown(value)} is not") from None
-        if kind := _TEXTS.get(schema.get("format", "")):
+        if kind := TEXT_FORMATS.get(schema.get("format", "")):
             try:
                 msgspec.convert(value, kind)
             except msgspec.ValidationError:

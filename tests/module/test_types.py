@@ -3,14 +3,20 @@
 In strict mode mypy complains of each ``type: ignore`` that is not needed: so each mistake is found.
 """
 
+import inspect
 import os
 import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+import tca_module
+from tca_module import HandlerOptions, MonitorOptions, TaskOptions
+from tca_wire.messages.declaring import Declaring
 
 MYPY = shutil.which("mypy", path=str(Path(sys.executable).parent))
 
@@ -30,3 +36,19 @@ def test_the_type_checker_finds_each_mistake_and_says_what_is_wanted(tmp_path: P
     assert not [text for text in expected if "Coroutine" in text]
     assert 'incompatible type "Command[int, Footfall]"; expected "Command[None, Footfall]"' in found.stdout
     assert 'Missing positional argument "data"' in found.stdout
+
+
+DECLARATIONS = [one for name in tca_module.__all__ if isinstance(one := getattr(tca_module, name), Declaring)]
+
+
+@pytest.mark.parametrize("kind", DECLARATIONS, ids=lambda kind: kind.__name__)
+def test_a_declaration_shows_its_arguments(kind: Any) -> None:
+    arguments = inspect.signature(kind).parameters
+    assert list(arguments)[:2] == ["name", "data"]
+    assert not {"VAR_POSITIONAL", "VAR_KEYWORD"} & {one.kind.name for one in arguments.values()}
+
+
+@pytest.mark.parametrize("kind", [HandlerOptions, MonitorOptions, TaskOptions], ids=lambda kind: kind.__name__)
+def test_help_shows_each_option(kind: Any) -> None:
+    _, _, described = kind.__doc__.partition("Args:")
+    assert [name for name in kind.__annotations__ if not re.search(rf"\b{name}[:,]", described)] == []

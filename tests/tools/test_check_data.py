@@ -16,7 +16,8 @@ from tca_properties.field_values import split_data
 from tca_properties.predicates import predicate_from
 from tca_wire.journal import facts
 from tca_wire.journal.records import record
-from tca_wire.messages.formats import NO_DATA, schema_text
+from tca_wire.messages.formats import NO_DATA
+from tca_wire.messages.schemas import schema_text
 from tca_wire.vocabulary import MessageClass
 
 FOOT = (

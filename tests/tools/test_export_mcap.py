@@ -14,7 +14,7 @@ from tools.test_coping import replacing
 from tca_tools.export.mcap_file import write_mcap
 from tca_tools.export.schemas import object_schema, plain_schema
 from tca_wire.journal import facts
-from tca_wire.messages.formats import schema_text
+from tca_wire.messages.schemas import schema_text
 from tca_wire.vocabulary import MessageClass
 
 SECOND = 1_000_000_000

@@ -13,7 +13,8 @@ import pytest
 
 from tca_wire.errors import BadData
 from tca_wire.messages.fitting import first_misfit
-from tca_wire.messages.formats import Format, schema_text
+from tca_wire.messages.formats import Format
+from tca_wire.messages.schemas import schema_text
 
 
 class Side(Enum):

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from tca_wire.errors import BadData, BadFormat
 from tca_wire.messages.declarations import Command, Failure, Goal, Query
-from tca_wire.messages.formats import Format, decode_untyped, first_difference, schema_text
+from tca_wire.messages.formats import Format, decode_untyped, first_difference
+from tca_wire.messages.schemas import schema_text
 
 
 class Side(Enum):
@@ -100,6 +101,95 @@ def test_numpy_arrays_travel_unchanged_and_can_be_written_to() -> None:
 def test_data_that_does_not_fit_is_refused_before_it_leaves(kind: Any, value: Any, why: str) -> None:
     with pytest.raises(BadData, match=why):
         Format[Any](kind).encode(value)
+
+
+STRUCTURED = np.dtype(
+    [("position", "<f4", (3,)), ("ring", "u1"), ("at", "<M8[ns]"), ("pair", [("a", "<i2"), ("b", "S4")])]
+)
+OVERLAPPING = np.dtype({"names": ["a", "b"], "formats": ["<i4", "<i2"], "offsets": [0, 2]})
+
+
+@pytest.mark.parametrize(
+    "dtype",
+    ["?", "i1", "<u8", ">f8", "<f2", "<c16", "S5", "<U3", "V10", "<M8[ms]", "<m8[D]", STRUCTURED,
+     np.dtype([("x", "i1"), ("y", "<f8")], align=True)],
+    ids=str,
+)  # fmt: skip
+def test_an_array_keeps_its_dtype(dtype: Any) -> None:
+    sent = np.frombuffer(bytes(range(1, 1 + 2 * np.dtype(dtype).itemsize)), dtype).reshape(2, 1)
+    got = Format[Any](np.ndarray).decode(Format[Any](np.ndarray).encode(sent))
+    assert got.dtype == sent.dtype
+    assert (got.shape, got.tobytes()) == (sent.shape, sent.tobytes())
+
+
+@pytest.mark.parametrize(
+    "array",
+    [np.zeros(2, "O"), np.zeros(2, OVERLAPPING), np.zeros(2, [("a", "O")]), np.ma.MaskedArray([1]), np.zeros(2).view(np.recarray),
+     np.longdouble(1), np.datetime64("2026-01-01"), np.void(b"1"),
+     np.complex64(1)],
+    ids=lambda array: type(array).__name__,
+)  # fmt: skip
+def test_an_array_is_refused_if_it_would_be_altered(array: Any) -> None:
+    with pytest.raises(BadData):
+        Format[Any](Any).encode(array)
+
+
+@pytest.mark.parametrize("dtype", [[["x", "|O"]], [["x"]], [["x", "<f4", [2, -1]]], "nonsense", [[["a"], "<f4"]]])
+def test_a_damaged_description_of_an_array_is_refused(dtype: Any) -> None:
+    lie = msgspec.msgpack.encode(msgspec.msgpack.Ext(1, msgspec.msgpack.encode([dtype, [1], b"12345678"])))
+    with pytest.raises(BadData):
+        Format[Any](np.ndarray).decode(lie)
+
+
+@dataclass
+class TaggedPose(Pose):
+    frame: str = "map"
+
+
+class Row(msgspec.Struct, array_like=True):
+    first: int
+
+
+class LongRow(Row, array_like=True):
+    second: int = 0
+
+
+class Sparse(msgspec.Struct, omit_defaults=True, rename="camel", tag=True):
+    leg_number: int = 0
+    poses: dict[int, Pose] = {}
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "lost"),
+    [
+        (Pose, TaggedPose(1.0, 2.0), "$.frame"),
+        (list[Pose], [POSE, TaggedPose(1.0, 2.0)], "$[1].frame"),
+        (dict[str, Pose], {"a": TaggedPose(1.0, 2.0)}, "$.a.frame"),
+        (Options, {"sped": 2.0}, "$.sped"),
+        (Options, {"speed": 2.0, "sped": 2.0}, "$.sped"),
+        (Pose, {"x": 1.0, "y": 2.0, "sid": "left"}, "$.sid"),
+        (Stance, {"feet": [{"x": 1.0, "y": 2.0, "z": 3.0}], "at": datetime(2026, 1, 2, tzinfo=UTC)}, "$.feet[0].z"),
+        (Row, LongRow(1, 2), "$[1]"),
+        (Sparse, {"type": "Sparse", "legNumbr": 0}, "$.legNumbr"),
+        (Sparse, {"type": "Sparse", "poses": {1: {"x": 1.0, "y": 1.0, "z": 1.0}}}, "$.poses.1.z"),
+    ],
+)
+def test_data_is_refused_if_a_field_would_be_lost(kind: Any, value: Any, lost: str) -> None:
+    with pytest.raises(BadData) as error:
+        Format[Any](kind).encode(value)
+    assert f"`{lost}`" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        (Pose, {"y": 2, "x": 1}), (Sparse, {"type": "Sparse", "legNumber": 0, "poses": {1: {"x": 1, "y": 1}}}),
+        (dict[int, Sparse], {1: Sparse(0), 2: Sparse(2)}), (Options, {}), (tuple[set[int], Pose], [[1, 1], POSE]), (Scan, {"heights": np.zeros(2, "f4"), "raw": b""}),
+        (tuple[Pose, ...], [POSE]), (Row, [1]),
+    ],
+)  # fmt: skip
+def test_data_is_sent_if_it_is_whole_in_another_form(kind: Any, value: Any) -> None:
+    Format[Any](kind).encode(value)
 
 
 @pytest.mark.parametrize("data", [b"", b"\xc1", b"\x91" * 2000, b"\xa2\xff\xff", b"\xc7\x01\x01\x90"])

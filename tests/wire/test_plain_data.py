@@ -3,7 +3,8 @@
 import json
 from contextlib import suppress
 from dataclasses import dataclass, field
-from datetime import UTC, date, datetime, timedelta
+from datetime import UTC, date, datetime, time, timedelta
+from decimal import Decimal
 from enum import Enum
 from typing import Annotated, Any, Literal, TypedDict
 from uuid import UUID
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 
 from tca_wire.errors import BadData
 from tca_wire.messages.declarations import Command
-from tca_wire.messages.formats import Format, schema_text
+from tca_wire.messages.formats import Format
+from tca_wire.messages.schemas import schema_text
 from tca_wire.text.plain_data import Bare, PlainFormat
 
 
@@ -61,6 +63,15 @@ class Tree(msgspec.Struct):
 
 class Options(TypedDict, total=False):
     speed: float
+
+
+class Diary(msgspec.Struct):
+    entries: "dict[date, Diary]" = {}
+    at: datetime | None = None
+
+
+AWARE = Annotated[datetime, msgspec.Meta(tz=True)]
+NAIVE = Annotated[datetime, msgspec.Meta(tz=False)]
 
 
 def fitting(kind: Any, value: Any) -> Any:
@@ -141,6 +152,35 @@ def test_what_was_typed_is_json_where_that_fits_and_else_text() -> None:
 )  # fmt: skip
 def test_what_does_not_fit_is_named_by_its_field(kind: Any, value: Any, text: str) -> None:
     assert complaint(kind, value) == text
+
+
+@pytest.mark.parametrize(
+    ("kind", "typed"),
+    [
+        (datetime, "tomorrow"), (datetime, "2024-02-03"), (AWARE, "2024-02-03T12:00:00"), (NAIVE, "2024-02-03T12:00:00Z"),
+        (date, "2024-13-03"), (time, "noon"), (time, "25:00:00"), (timedelta, "1s"), (Decimal, "1,5"), (UUID, "7"),
+        (bytes, "#"), (datetime | Line | Circle | None, "tomorrow"), (list[time], '["noon"]'), (Diary, '{"at":"now"}'),
+        (dict[str, datetime], '{"a":"now"}'), (tuple[int, datetime], '[1,"now"]'), (dict[datetime, int], '{"now":1}'),
+        (dict[int, int], '{"a":1}'), (dict[UUID, int], '{"a":1}'), (dict[float, int], '{"a":1}'), (dict[Side, int], '{"up":1}'),
+        (Diary, '{"entries":{"2024-02-03":{"entries":{"tomorrow":{}}}}}'), (dict[Literal["a", 3], int], '{"b":1}'),
+    ],
+)  # fmt: skip
+def test_typed_text_is_refused_where_the_handler_would(kind: Any, typed: str) -> None:
+    complaint(kind, Bare(typed))
+
+
+@pytest.mark.parametrize(
+    ("kind", "typed", "value"),
+    [
+        (datetime, "2024-02-03T12:00:00Z", datetime(2024, 2, 3, 12, tzinfo=UTC)), (time, "12:30:00", time(12, 30)),
+        (AWARE, "2024-02-03T12:00:00Z", datetime(2024, 2, 3, 12, tzinfo=UTC)), (dict[int, int], '{"1":2}', {1: 2}),
+        (dict[float, int], '{"1.5":2}', {1.5: 2}), (dict[str, int], '{"1":2}', {"1": 2}), (dict[Any, int], '{"1":2}', {"1": 2}),
+        (dict[date, Side], '{"2024-02-03":"left"}', {date(2024, 2, 3): Side.LEFT}), (dict[Side, int], '{"left":1}', {Side.LEFT: 1}),
+        (dict[Literal["a", 3], int], '{"3":1,"a":2}', {3: 1, "a": 2}),
+    ],
+)  # fmt: skip
+def test_typed_text_arrives_as_the_declared_type(kind: Any, typed: str, value: Any) -> None:
+    assert fitting(kind, Bare(typed)) == value
 
 
 def test_whether_a_format_has_fields() -> None:
