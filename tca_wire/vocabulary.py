@@ -117,6 +117,7 @@ class Refusal(StrEnum):
     OVERLOAD = "overload"  # a bounded queue is full
     DEADLOCK = "deadlock"  # whoever waits would wait for himself, for ever
     FORBIDDEN = "forbidden"  # whoever asks may not
+    SHUT_OUT = "shut out"  # central lets this connection in no more: its key or user is not allowed
 
 
 class Dropping(StrEnum):

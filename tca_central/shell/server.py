@@ -310,7 +310,7 @@ class Daemon:
         """What comes from somebody who has no say is not even read; he is told so once."""
         self._many_frames(frame)
         if self._gate.is_new(connection):
-            self._put(connection, Refused(0, Refusal.FORBIDDEN, self._gate.why), b"")
+            self._put(connection, Refused(0, Refusal.SHUT_OUT, self._gate.why), b"")
 
     def _many_frames(self, frame: zmq.Frame) -> str:
         """Take in the other frames of a message that has several; what is wrong with it."""
@@ -337,6 +337,8 @@ class Daemon:
         """Keys and permissions may have changed."""
         for event in self._gate.news(self.now(), self.central):
             self.take(event)
+            if isinstance(event, ConnectionLost):
+                self._put(event.connection, Refused(0, Refusal.SHUT_OUT, event.why), b"")
 
     def _find_lost(self) -> None:
         """Beat to those who wait for an answer; to all when some are gone, for the door does not tell which (the socket

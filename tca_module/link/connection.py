@@ -157,9 +157,8 @@ class Connection:
         """Wait until central has accepted a request."""
         if not self.wait(request, within, what):
             self.abandon(request)
-            where = f"though central at {self.transport.address} is alive: it is overloaded"
-            fate = f"{what} {self.session.fate_of(request)}"
-            raise Timeout(f"{what} was not acknowledged within {within:g} s, {where}; {fate}")
+            why, fate = self.line.why_late(within), f"{what} {self.session.fate_of(request)}"
+            raise Timeout(f"{what} was not acknowledged within {within:g} s, {why}; {fate}")
 
     # --- tasks -----------------------------------------------------------------------------------------------------
 

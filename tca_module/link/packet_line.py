@@ -30,6 +30,7 @@ class PacketLine:
         self._clock = clock
         self._log = logging.getLogger(f"tca.{session.module}")
         self._receipts = Receipts()
+        self._silence = 0.0, -math.inf  #: the seconds of central's last silence though it was asked, and their end
 
     @property
     def silence(self) -> str:
@@ -41,6 +42,13 @@ class PacketLine:
             return ""
         where = f"central at {self._transport.address}"
         return f"{where} has said nothing for {silent:.1f} s; see with 'tca status' whether it runs"
+
+    def why_late(self, within: float) -> str:
+        """Why central has not given an answer of its own within the last seconds."""
+        seconds, until = self._silence
+        if self._clock() - until < within:
+            return f"central was not heard for {seconds:.1f} s of it: the network, or central, stood still"
+        return self.silence or "though central is alive: it is overloaded"
 
     def lost(self) -> CentralLost:
         """The CentralLost for a central that does not answer."""
@@ -91,7 +99,10 @@ very long; or no central listens there, but another program"
     def _take_in(self, packet: bytes) -> None:
         if (receipt := self._receipts.due(packet)) and self._transport.send(receipt, 0.0):
             self._receipts.sent()
-        now = self._clock()
+        now, session = self._clock(), self._session
+        was_asked = session.asked_since > session.heard and now - session.asked_since >= _AT_ONCE
+        if was_asked and now - session.heard >= QUIET:
+            self._silence = now - session.heard, now
         try:
             for header, body in unpack_to_module(packet):
                 self._session.receive(header, body, now)

@@ -22,5 +22,6 @@ def answered(
     request = connection.request(header, body, wants_answer=True, is_awaited=True)
     if not connection.wait(request, within, what):
         connection.abandon(request)
-        raise Timeout(f"{what} was not answered within {within:g} s, though central is alive: it is overloaded")
+        within = within or 0.0
+        raise Timeout(f"{what} was not answered within {within:g} s, {connection.line.why_late(within)}")
     return request

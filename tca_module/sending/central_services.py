@@ -67,8 +67,8 @@ class Claim:
             is_over = connection.wait(request, ACKNOWLEDGED_WITHIN, self._what)
         if not is_over:
             self._connection.abandon(self._request)
-            advice = self._connection.silence or "central does not say so: it is overloaded"
-            raise Timeout(f"{self._what} was not granted within {timeout:g} s: {advice}")
+            why = self._connection.line.why_late(timeout or 0.0)
+            raise Timeout(f"{self._what} was not granted within {timeout:g} s, {why}")
         answer, _ = self._request.answers[-1]
         if answer.outcome is not Outcome.DONE:
             self._is_over = True

@@ -139,6 +139,8 @@ class Session:
         self._number(request)
         if self.is_welcome:
             self._send(request)
+        elif self.refused is not None:
+            self._refuse(request)
 
     def _number(self, request: Request) -> None:
         self._newest += 1
@@ -448,7 +450,9 @@ class Session:
 
     def _on_refused(self, header: headers.Refused, _: bytes) -> None:
         request = self._answered(header.number)
-        if request is None:
+        if header.refusal is Refusal.SHUT_OUT:
+            self._not_welcome(header)
+        elif request is None:
             if not self.is_welcome and (header.number == HELLO_NUMBER or not self.epoch):
                 self._not_welcome(header)
             elif header.refusal is not Refusal.TOO_LATE:
@@ -462,14 +466,29 @@ class Session:
             self.end(request)
 
     def _not_welcome(self, header: headers.Refused) -> None:
-        """Central refused Hello; with number 0 if it could not even read it, because it is of another version."""
+        """Central refused Hello; with number 0 if it could not even read it, because it is of another version, or lets
+        this connection in no more. It answers nothing: so all that waits for it is over. Hello is repeated.
+        """
         if not header.number and header.refusal is Refusal.PROTOCOL:
             other = f"central speaks another protocol than this module's {headers.PROTOCOL_VERSION}"
             text = f"{other}: use one version of TCA for both (it says: {header.text})"
             header = msgspec.structs.replace(header, text=text)
-        if self.epoch and self.refused is None:
-            self.complaints.append(f"central was restarted, and refuses this module: {header.text}")
-        self.refused = header
+        if self.is_welcome:
+            self.break_off()
+        if self.refused is None:
+            self.refused = header
+            self.complaints += [f"central refuses this module: {header.text}"] * bool(self.epoch)
+        for request in list(self._requests.values()):
+            self._refuse(request)
+        for lock in self._locks.values():
+            lock.taken = header.text
+        self._locks.clear()
+
+    def _refuse(self, request: Request) -> None:
+        """A request that central will not answer is over, unless it declares again what central is to know."""
+        if request.settled is None:
+            request.refused = self.refused
+            self.end(request)
 
     def _ask_again(self, request: Request) -> None:
         """Repeat a request that central dropped when the connection broke."""

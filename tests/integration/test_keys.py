@@ -4,9 +4,11 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -21,7 +23,19 @@ from tca_central.shell.authenticator import Authenticator, new_pair
 from tca_central.shell.gate import Gate, KeyGate
 from tca_central.shell.keys_command import keys as keys_command
 from tca_central.shell.permissions_file import PermissionsFile
-from tca_module import CentralLost, MisuseError, Module, Query, Task, Timeout, connect
+from tca_module import (
+    CentralLost,
+    Client,
+    Command,
+    MisuseError,
+    Module,
+    Query,
+    Refusal,
+    Refused,
+    Task,
+    Timeout,
+    connect,
+)
 from tca_wire.journal import facts
 from tca_wire.keys import read_client_key
 from tca_wire.packets import codec, headers
@@ -157,18 +171,78 @@ def test_a_revoked_key_is_cut_off_at_once(keyed: RealCentral, folder: Path, as_k
     assert (left.module, left.lost) == ("arm", True)
     assert "not allowed any more" in left.why
     assert keyed.facts(facts.KeysChanged) == [facts.KeysChanged([], ["arm"])]
-    with pytest.raises(CentralLost):
-        arm.status()
+    assert is_shut_out(arm.status)
     assert user.status()["modules"] == 1
     # A new key of that name gets in at once, and is somebody new: the old line stays dead.
     said("new", "arm")
     with connect("new arm", keyed.address):
         pass
-    with pytest.raises(CentralLost):
-        arm.status()
+    assert is_shut_out(arm.status)
     assert [fact.module for fact in keyed.facts(facts.ModuleJoined)].count("arm") == 1
     user.close()
     arm.close()
+
+
+def is_shut_out(call: Callable[[], object]) -> bool:
+    """Whether a call is refused because central lets its connection in no more."""
+    with pytest.raises(Refused) as refused:
+        call()
+    return refused.value.refusal is Refusal.SHUT_OUT
+
+
+TURN = Command("turn", result=int)
+WAITS: list[Callable[[Client], object]] = [
+    lambda client: client.command(TURN).result(),
+    lambda client: client.command(TURN).wait(),
+    lambda client: list(client.command(TURN).changes()),
+    lambda client: client.query(SQUARE, 3, timeout=3 * SOON),
+    lambda client: client.wait_until_handled(Query("never", reply=int), timeout=3 * SOON),
+    lambda client: client.tasks(TURN)[0].wait() if client.command(TURN).id else None,
+]
+
+
+def test_a_revoked_client_is_told_in_each_wait(keyed: RealCentral, folder: Path, as_key: Callable[[str], None]) -> None:
+    as_key("arm")
+    module = Module("arm", keyed.address, capacity=len(WAITS))
+    started = threading.Semaphore(0)
+
+    @module.handles(TURN)
+    def turn(task: Task) -> int:
+        started.release()
+        task.wait_until(lambda: False)
+        return 1
+
+    def told(wait: Callable[[Client], object]) -> list[bool]:
+        with connect("user", keyed.address) as client:
+            return [is_shut_out(partial(wait, client)), is_shut_out(client.status)]
+
+    with ThreadPoolExecutor(len(WAITS)) as threads, module.running():
+        as_key("user")
+        clients = [threads.submit(told, wait) for wait in WAITS]
+        for _ in range(4):  # of these handlers the senders wait
+            assert started.acquire(timeout=SOON)
+        said("revoke", "user")
+        keyed.server.look_again()
+        assert [client.result(SOON) for client in clients] == [[True, True]] * len(WAITS)
+
+
+def test_a_revoked_module_is_back_when_its_key_is_allowed(
+    keyed: RealCentral, folder: Path, as_key: Callable[[str], None], caplog: pytest.LogCaptureFixture
+) -> None:
+    as_key("arm")
+    public = read_client_key(folder / "arm.key").public
+    module = Module("squares", keyed.address)
+    module.handles(SQUARE)(lambda _, number: number * number)
+    with module.running():
+        said("revoke", "arm")
+        keyed.server.look_again()
+        with soon("it is shut out") as may_go_on:
+            while "central refuses this module" not in caplog.text:
+                may_go_on()
+        said("allow", "arm", public)
+        as_key("user")
+        with connect("user", keyed.address) as user:
+            assert user.query(SQUARE, 12, timeout=SOON) == 144
 
 
 def test_keys_that_went_while_central_was_away_are_revoked_when_it_is_back(folder: Path) -> None:
@@ -242,11 +316,10 @@ def test_direct_messages_are_encrypted_and_end_with_the_key(
         keyed.server.look_again()
         with soon("the slot hears no more of it") as may_go_on:
             while path.is_usable:
-                with suppress(CentralLost, Timeout):
+                with suppress(CentralLost, Timeout, Refused):
                     user.query(SQUARE, 5, timeout=0.1)
                 may_go_on()
-        with pytest.raises((CentralLost, Timeout)):
-            user.query(SQUARE, 6, timeout=0.5)
+        assert is_shut_out(lambda: user.query(SQUARE, 6, timeout=0.5))
         assert 6 not in handled
         with suppress(CentralLost):
             user.close()

@@ -122,7 +122,7 @@ def test_nothing_but_hello_leaves_before_the_welcome_and_a_second_one_repeats_no
 def test_a_central_that_was_restarted_and_speaks_another_protocol_is_complained_of_once(session: Session) -> None:
     session.break_off()
     hear(session, *[Refused(1, Refusal.PROTOCOL, "use one version")] * 3)
-    assert session.complaints == ["central was restarted, and refuses this module: use one version"]
+    assert session.complaints == ["central refuses this module: use one version"]
 
 
 # --- requests and answers -------------------------------------------------------------------------------------------
