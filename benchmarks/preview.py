@@ -47,7 +47,7 @@ class Chain:
         return state < 0
 
     @property
-    def needed(self) -> dict[int, frozenset[str]]:
+    def needed(self) -> dict[int, dict[str, int]]:
         bare = {state: [BareArrow(arrow.target) for arrow in arrows] for state, arrows in enumerate(self._arrows)}
         return live_variables(bare, dict(enumerate(self._activities)))
 

@@ -83,6 +83,44 @@ class Foreseen(msgspec.Struct, frozen=True):
     """Probability of the whole path up to it, in [0, 1]."""
 
 
+class Reason(StrEnum):
+    """The objection to an activity that would start before its turn."""
+
+    STEADY = "steady"
+    """The machine is in its state, and no state is foreseen after it."""
+    NOT_FORESEEN = "not foreseen"
+    """Its state is not on the preview list any more."""
+    REPEATED = "repeated"
+    """Its state is the current one, or stands earlier in the list: the machine comes back to it."""
+    NEEDS = "needs"
+    """A fact that it needs does not hold now, or holds only because of early work that may be in vain."""
+    CONFLICT = "conflict"
+    """An activity that comes before it, or that runs, makes or needs the same variable; or its tasks of last time have
+    not ended.
+    """
+    BRANCH = "branch"
+    """On another branch, a state may need what it changes, and it can't be undone."""
+    AGENT = "agent"
+    """An agent of it has no place left."""
+    UTILITY = "utility"
+    """The policy finds it not worth while."""
+    MISTAKE = "mistake"
+    """Its cost or the policy raised, or gave no number."""
+    FAILED = "failed"
+    """It has been tried ahead, and has failed."""
+
+
+class Objection(msgspec.Struct, frozen=True, omit_defaults=True):
+    """The first objection to the activity of a state that is foreseen."""
+
+    state: int
+    reason: Reason
+    name: str = ""
+    """Of the variable or agent that it is about."""
+    other: int = -1
+    """The other state: of the activity in conflict, where the branch begins, or whose progress the utility counts."""
+
+
 class TaskRole(StrEnum):
     """What a task of a coordinator is to its machine, as the run goes on."""
 
@@ -122,6 +160,8 @@ class CoordinationReport(msgspec.Struct, frozen=True):
     """The states that are likely to follow, the next one first."""
     news: list[RoleChange] = []
     """The tasks whose role has changed since the last report."""
+    refused: list[Objection] = []
+    """The activities of the preview list that have not started early, and the objections."""
 
 
 _MARK = "#/$defs/CoordinationChart"

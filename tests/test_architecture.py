@@ -125,7 +125,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "packets": {"constraints", "errors", "points", "vocabulary"},
         "messages": {"errors", "life_cycles", "packets", "vocabulary"},
         "journal": {"constraints", "errors", "points", "vocabulary"},
-        "text": {"constraints", "errors", "journal", "messages", "points", "vocabulary", "waits"},
+        "text": {"constraints", "coordination", "errors", "journal", "messages", "points", "vocabulary", "waits"},
     },
     "tca_properties": {
         "world": set(),

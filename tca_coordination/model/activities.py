@@ -98,6 +98,11 @@ class Activity:
             task.message.encode_data(adapted)
         return data
 
+    @property
+    def has_progress(self) -> bool:
+        """Whether a task of it can report any."""
+        return any(task.message.progress.kind is not type(None) for task in self.tasks)
+
     def progress(self, report: Any) -> float:
         """The progress in [0, 1] that a report of one of its tasks stands for."""
         value = self._progress(report) if self._progress is not None else report

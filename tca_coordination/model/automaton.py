@@ -12,7 +12,7 @@ from tca_coordination.model.activities import Activity
 from tca_coordination.model.likelihoods import checked_likelihood
 from tca_coordination.model.mistakes import Mistakes
 from tca_coordination.model.situation import Situation
-from tca_coordination.model.states import DONE, AuthoredArrow, AuthoredState
+from tca_coordination.model.states import DONE, FAILED, AuthoredArrow, AuthoredState
 from tca_wire.coordination import ActivityKind
 
 
@@ -55,9 +55,13 @@ def arrows_of(leaf: AuthoredState) -> list[AuthoredArrow]:
 
 
 def nominal(arrows: Sequence[AuthoredArrow]) -> AuthoredArrow | None:
-    """The arrow that gets what the others leave: the only one for "done", if nothing is said about its likelihood."""
+    """The arrow that gets what the others leave: the only one for "done" without a likelihood. Where none is for
+    "done", the only one without, if others have one; not that for "failed".
+    """
     done = [arrow for arrow in arrows if arrow.event == DONE]
-    return done[0] if len(done) == 1 and done[0].model is None else None
+    others = [arrow for arrow in arrows if arrow.event != FAILED] if any(arrow.model for arrow in arrows) else []
+    unsaid = [arrow for arrow in done or others if arrow.model is None]
+    return unsaid[0] if len(unsaid) == 1 else None
 
 
 class FlatAutomaton:

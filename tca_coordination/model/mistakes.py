@@ -8,7 +8,8 @@ T = TypeVar("T")
 
 class Mistakes:
     """Errors in likelihoods, costs and policies, and in what reads the progress of early work. In a run each is told
-    once, and the run goes on without that bit of preview; elsewhere it is raised.
+    once, and the run goes on without that bit of preview; elsewhere it is raised. What else stops a preview is told
+    once, too.
     """
 
     def __init__(self, tell: Callable[[str], object] | None = None) -> None:
@@ -22,7 +23,11 @@ class Mistakes:
         except Exception as error:
             if self._tell is None:
                 raise
-            if what not in self._told:
-                self._told.add(what)
-                self._tell(f"{what}: {type(error).__name__}: {error}")
+            self.tell(what, f"{type(error).__name__}: {error}")
             return value
+
+    def tell(self, what: str, why: str) -> None:
+        """Tell once what follows, and why or what to do."""
+        if what not in self._told and self._tell is not None:
+            self._told.add(what)
+            self._tell(f"{what}: {why}")

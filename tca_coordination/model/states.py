@@ -145,6 +145,11 @@ class AuthoredArrow:
         return self._target
 
     @property
+    def is_impossible(self) -> bool:
+        """Whether its author says that it is never taken: its likelihood is 0, and does not change."""
+        return self.model is not None and self.model.is_constant and self.model.value(Situation(), "", "") == 0
+
+    @property
     def variables(self) -> list[Variable[Any]]:
         """The variables that its guard and its likelihood look at."""
         of_guard = [self.guard] if isinstance(self.guard, Variable) else []

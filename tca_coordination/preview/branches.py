@@ -20,11 +20,16 @@ class BareArrow(NamedTuple):
     """Whether it is taken when an activity fails, or can't begin."""
 
 
-def needed_later(machine: Coordination) -> dict[int, frozenset[str]]:
-    """For each leaf, the variables that a branch after it may need as they are."""
+def needed_later(machine: Coordination) -> dict[int, dict[str, int]]:
+    """For each leaf, the variables that a branch after it may need as they are, and the leaf where that branch begins.
+    An arrow of which the likelihood is 0 for ever begins no branch.
+    """
     leaves = [state for state in machine.states if state.leaf is state]
     arrows = {
-        leaf.number: [BareArrow(arrow.target.leaf.number, arrow.event == FAILED) for arrow in arrows_of(leaf)]
+        leaf.number: [
+            BareArrow(arrow.target.leaf.number, arrow.event == FAILED)
+            for arrow in [arrow for arrow in arrows_of(leaf) if not arrow.is_impossible] or arrows_of(leaf)
+        ]
         for leaf in leaves
     }
     return live_variables(arrows, {leaf.number: leaf.activity for leaf in leaves if leaf.activity is not None})
@@ -32,9 +37,10 @@ def needed_later(machine: Coordination) -> dict[int, frozenset[str]]:
 
 def live_variables(
     arrows: Mapping[int, Sequence[BareArrow]], activities: Mapping[int, Activity]
-) -> dict[int, frozenset[str]]:
-    """For each state, the variables that, on some path after it, a state needs before one has made them anew. The end,
-    a state without arrows, needs all of them: the next run builds on what this one leaves.
+) -> dict[int, dict[str, int]]:
+    """For each state, the variables that, on some path after it, a state needs before one has made them anew, each
+    with the first state of that path. The end, a state without arrows, needs all of them: the next run builds on what
+    this one leaves.
     """
     changed = set().union(*(activity.makes for activity in activities.values()))
     entering: dict[int, set[str]] = {state: set() if following else changed for state, following in arrows.items()}
@@ -46,7 +52,10 @@ def live_variables(
             if live != entering[state]:
                 entering[state] = live
                 is_stable = False
-    return {state: frozenset().union(*(entering[arrow.target] for arrow in arrows[state])) for state in arrows}
+    return {
+        state: {variable: arrow.target for arrow in reversed(arrows[state]) for variable in entering[arrow.target]}
+        for state in arrows
+    }
 
 
 def _live_before(arrows: Sequence[BareArrow], entering: Mapping[int, set[str]], activity: Activity | None) -> set[str]:
@@ -60,6 +69,6 @@ def _live_before(arrows: Sequence[BareArrow], entering: Mapping[int, set[str]], 
     return live
 
 
-def harmed(activity: Activity, needed: frozenset[str]) -> str | None:
+def harmed(activity: Activity, needed: Mapping[str, int]) -> str | None:
     """The first variable that an activity changes and that a branch needs as it is, if any."""
     return next((variable for variable in activity.makes if variable in needed), None)

@@ -1,44 +1,9 @@
 """Whether an activity may run before its turn, by the facts that hold, are needed and are made."""
 
 from collections.abc import Iterable, Mapping
-from enum import StrEnum
 from typing import NamedTuple
 
 from tca_coordination.model.situation import Fact
-
-
-class Reason(StrEnum):
-    """What speaks against an activity before its turn."""
-
-    NOT_FORESEEN = "not foreseen"
-    """Its state is not on the preview list any more."""
-    REPEATED = "repeated"
-    """Its state is the current one, or stands earlier in the list: the machine comes back to it."""
-    NEEDS = "needs"
-    """A fact that it needs does not hold now, or holds only because of early work that may be in vain."""
-    CONFLICT = "conflict"
-    """An activity that comes before it, or that runs, makes or needs the same variable; or its tasks of last time have
-    not ended.
-    """
-    BRANCH = "branch"
-    """On another branch, a state may need what it changes, and it can't be undone."""
-    AGENT = "agent"
-    """An agent of it has no place left."""
-    UTILITY = "utility"
-    """The policy finds it not worth while."""
-    FAILED = "failed"
-    """It has been tried ahead, and has failed."""
-
-
-class Objection(NamedTuple):
-    """What speaks against the activity of a state."""
-
-    state: int
-    reason: Reason
-    name: str = ""
-    """Of the variable or agent that it is about."""
-    other: int = -1
-    """The state of the activity with which it is in conflict."""
 
 
 class Clash(NamedTuple):

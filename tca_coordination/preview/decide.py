@@ -11,10 +11,10 @@ from tca_coordination.model.mistakes import Mistakes
 from tca_coordination.model.situation import Fact, Situation
 from tca_coordination.preview.agents import Places
 from tca_coordination.preview.branches import harmed
-from tca_coordination.preview.conflicts import Objection, Reason, Reservations, holds
+from tca_coordination.preview.conflicts import Reservations, holds
 from tca_coordination.preview.policy import Candidate, Policy, checked_share
 from tca_coordination.preview.walk import PreviewLimits, most_likely
-from tca_wire.coordination import Foreseen
+from tca_wire.coordination import Foreseen, Objection, Reason
 
 
 class WorkPhase(StrEnum):
@@ -79,14 +79,14 @@ class Decision:
     stops: list[Objection] = field(default_factory=list)
     """Early work that is of no use any more, whether it runs, is done or has failed."""
     refused: list[Objection] = field(default_factory=list)
-    """Activities of the list that do not start now, and why."""
+    """Activities of the list that do not start now, and why; and the current one if no state is foreseen after it."""
 
 
 def decide(
     automaton: Automaton,
     present: Present,
     policy: Policy,
-    needed: Mapping[int, frozenset[str]],
+    needed: Mapping[int, Mapping[str, int]],
     limits: PreviewLimits,
     mistakes: Mistakes | None = None,
 ) -> Decision:
@@ -94,6 +94,8 @@ def decide(
     takes what costs and the policy raise.
     """
     decision = Decision(most_likely(automaton, present.current, limits))
+    if not decision.preview and automaton.activity(present.current) is not None:
+        decision.refused.append(Objection(present.current, Reason.STEADY))
     _Deciding(automaton, present, policy, needed[present.current], decision, mistakes or Mistakes()).decide()
     return decision
 
@@ -102,7 +104,7 @@ class _Deciding:
     """One decision: the states of the list have their turns, the next one first."""
 
     def __init__(
-        self, automaton: Automaton, present: Present, policy: Policy, needed: frozenset[str], decision: Decision,
+        self, automaton: Automaton, present: Present, policy: Policy, needed: Mapping[str, int], decision: Decision,
         mistakes: Mistakes,
     ) -> None:  # fmt: skip
         self.automaton = automaton
@@ -120,8 +122,8 @@ class _Deciding:
         self._reserve()
 
     def decide(self) -> None:
-        seen = {self.present.current}
-        progress = self._progress_of_current()
+        current = self.present.current
+        seen, before, progress = {current}, current, self._progress_of_current()
         for index, foreseen in enumerate(self.decision.preview, start=1):
             state = foreseen.state
             activity = self.automaton.activity(state)
@@ -129,12 +131,13 @@ class _Deciding:
                 if state in seen:
                     self.decision.refused.append(Objection(state, Reason.REPEATED))
                 else:
-                    self._turn(self._candidate(index, foreseen, activity, progress), activity)
+                    self._turn(self._candidate(index, foreseen, activity, progress), activity, before)
                     work = self.work.get(state)
                     is_done = work is not None and work.phase is WorkPhase.DONE
                     self.before.add(state, activity.needs, activity.makes, is_done=is_done)
+            if activity is not None or self.automaton.waits(state):
+                before, progress = state, self._progress(state)
             seen.add(state)
-            progress = self._progress(state, progress)
         for work in self.present.work:
             if work.state in seen or work.phase in (WorkPhase.STOPPING, WorkPhase.RESTORING):
                 continue
@@ -172,18 +175,18 @@ class _Deciding:
     # --- progress --------------------------------------------------------------------------------------------------
 
     def _progress_of_current(self) -> float:
-        if self.automaton.activity(self.present.current) is None:
+        activity = self.automaton.activity(self.present.current)
+        if activity is None:
             return 0.0
-        return 1.0 if self.present.is_done else self.present.situation.progress
+        return 1.0 if self.present.is_done or not activity.has_progress else self.present.situation.progress
 
-    def _progress(self, state: int, before: float) -> float:
-        """Of the activity of a foreseen state; that of the state before if the machine does not rest in it."""
-        if self.automaton.activity(state) is None:
-            return 0.0 if self.automaton.waits(state) else before
-        work = self.work.get(state)
-        if work is None:
+    def _progress(self, state: int) -> float:
+        """Of the activity of a foreseen state, as those after it see it: 1 where none can be reported."""
+        activity, work = self.automaton.activity(state), self.work.get(state)
+        if activity is None or work is None:
             return 0.0
-        return {WorkPhase.RUNNING: work.progress, WorkPhase.DONE: 1.0}.get(work.phase, 0.0)
+        running = work.progress if activity.has_progress else 1.0
+        return {WorkPhase.RUNNING: running, WorkPhase.DONE: 1.0}.get(work.phase, 0.0)
 
     # --- one activity ----------------------------------------------------------------------------------------------
 
@@ -201,16 +204,17 @@ class _Deciding:
             undo_cost=cost if harmed(activity, self.needed) else 0.0,
             progress=work.progress if work is not None and runs else 0.0,
             share=work.share if work is not None and runs else 0.0,
+            progress_of_current=self._progress_of_current(),
         )
 
-    def _turn(self, candidate: Candidate, activity: Activity) -> None:
-        """Start it, let it go on, stop it or refuse it."""
+    def _turn(self, candidate: Candidate, activity: Activity, before: int) -> None:
+        """Start it, let it go on, stop it or refuse it. *before*: the state whose progress the candidate has."""
         state = candidate.state
         work = self.work.get(state)
         if work is None:
-            self._begin(candidate, activity)
+            self._begin(candidate, activity, before)
         elif work.phase is WorkPhase.RUNNING:
-            self._go_on(candidate, activity)
+            self._go_on(candidate, activity, before)
         elif work.phase is WorkPhase.DONE:
             if objection := self._objection_to_result(state, activity):
                 self.decision.stops.append(objection)
@@ -221,10 +225,10 @@ class _Deciding:
         else:
             self.decision.refused.append(Objection(state, Reason.CONFLICT, other=state))
 
-    def _begin(self, candidate: Candidate, activity: Activity) -> None:
+    def _begin(self, candidate: Candidate, activity: Activity, before: int) -> None:
         state = candidate.state
         objection = self._objection(state, activity, is_running=False) or self._objection_to_start(state, activity)
-        share = self._allotted_share(candidate, activity, objection, self.decision.refused)
+        share = self._allotted_share(candidate, activity, objection, before, self.decision.refused)
         if not share:
             return
         if agent := self.held.full(activity.tasks):  # what runs there has to end first
@@ -234,20 +238,23 @@ class _Deciding:
         self.running.add(state, activity.needs, activity.makes)
         self.decision.starts.append(Start(state, share))
 
-    def _go_on(self, candidate: Candidate, activity: Activity) -> None:
+    def _go_on(self, candidate: Candidate, activity: Activity, before: int) -> None:
         state = candidate.state
         objection = self._objection(state, activity, is_running=True)
-        share = self._allotted_share(candidate, activity, objection, self.decision.stops)
+        share = self._allotted_share(candidate, activity, objection, before, self.decision.stops)
         if share and share != candidate.share:
             self.decision.speeds.append(Start(state, share))
 
     def _allotted_share(
-        self, candidate: Candidate, activity: Activity, objection: Objection | None, objections: list[Objection]
-    ) -> float:
+        self, candidate: Candidate, activity: Activity, objection: Objection | None, before: int,
+        objections: list[Objection],
+    ) -> float:  # fmt: skip
         """The share of full speed that the policy wants, with places at the agents; or 0, with an objection more."""
         share = 0.0 if objection else self._share(candidate, activity)
-        if not objection and not share:
-            objection = Objection(candidate.state, Reason.UTILITY)
+        if isnan(share):
+            objection = Objection(candidate.state, Reason.MISTAKE)
+        elif not objection and not share:
+            objection = Objection(candidate.state, Reason.UTILITY, other=before)
         if not objection and (agent := self.allotted.full(activity.tasks)):
             objection = Objection(candidate.state, Reason.AGENT, agent.name)
         if objection:
@@ -258,9 +265,9 @@ class _Deciding:
 
     def _share(self, candidate: Candidate, activity: Activity) -> float:
         if isnan(candidate.cost):
-            return 0.0
-        share = self._valued(0.0, activity, lambda: checked_share(self.policy.share(candidate)))
-        return share if activity.adapt is not None or share == 1 else 0.0
+            return nan
+        share = self._valued(nan, activity, lambda: checked_share(self.policy.share(candidate)))
+        return share if activity.adapt is not None or share == 1 or isnan(share) else 0.0
 
     def _valued(self, otherwise: float, activity: Activity, function: Callable[[], float]) -> float:
         return self.mistakes.otherwise(otherwise, f"{activity!r} does not run early", function)
@@ -282,9 +289,9 @@ class _Deciding:
         if clash := self.running.clash(activity.needs, activity.makes):
             return Objection(state, Reason.CONFLICT, clash.variable, clash.state)
         if not activity.undo and (variable := harmed(activity, self.needed)):
-            return Objection(state, Reason.BRANCH, variable)
+            return Objection(state, Reason.BRANCH, variable, self.needed[variable])
         variable = next((variable for variable in activity.makes if variable in self.unsettled), None)
-        if variable and self.unsettled & self.needed:  # what undoes that work would take this result with it
+        if variable and self.unsettled & self.needed.keys():  # what undoes that work would take this result with it
             return Objection(state, Reason.BRANCH, variable)
         return None
 

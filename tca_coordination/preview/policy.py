@@ -19,7 +19,9 @@ class Candidate:
     probability: float
     """Of the whole path that leads there."""
     progress_before: float
-    """Of the activity before it, in [0, 1]. It is 0 where that has not begun, or is a wait for an event."""
+    """Of the activity before it, in [0, 1]: 0 before that begins and in a wait for an event, 1 once it runs if its
+    tasks can report no progress.
+    """
     cost: float
     """Of doing it in vain."""
     undo_cost: float = 0.0
@@ -28,6 +30,8 @@ class Candidate:
     """Its own."""
     share: float = 0.0
     """Of full speed, with which it runs ahead now; 0: it does not run."""
+    progress_of_current: float = 0.0
+    """Of the activity of the current state, in [0, 1]; 1 where its tasks can report none."""
 
 
 Utility = Callable[[Candidate], float]

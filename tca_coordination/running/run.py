@@ -15,14 +15,14 @@ from tca_coordination.model.mistakes import Mistakes
 from tca_coordination.model.situation import Situation
 from tca_coordination.model.statechart import Interpreter, TakenArrow
 from tca_coordination.model.states import DONE, FAILED
-from tca_coordination.preview.conflicts import Reason
 from tca_coordination.preview.decide import Decision
 from tca_coordination.running.activities_at_work import ActivitiesAtWork
 from tca_coordination.running.failures import FailureNotes
 from tca_coordination.running.look_ahead import LookAhead
 from tca_coordination.running.messages import ACTIVITY_STOPPED, NEEDS_NOT_MET, CoordinationEnd
 from tca_module import Task, TcaError
-from tca_wire.coordination import CoordinationReport, Foreseen
+from tca_wire.coordination import CoordinationReport, Foreseen, Reason
+from tca_wire.text.early_work import came_late, why_not_early
 
 _WHY_STOPPED = {
     Reason.NOT_FORESEEN: "is not foreseen any more",
@@ -32,6 +32,7 @@ _WHY_STOPPED = {
     Reason.BRANCH: "may have to be undone, and can't be",
     Reason.AGENT: "has to leave its agent to what comes before it",
     Reason.UTILITY: "is not worth while any more",
+    Reason.MISTAKE: "has a cost, adapt or policy that failed",
     Reason.FAILED: "has failed",
 }
 
@@ -51,8 +52,8 @@ class CoordinationRun:
         self._heard = deque[Callable[[], object]]()
         self._events = deque[str]()
         self._variables: dict[str, Any] = {}
-        mistakes = look_ahead.mistakes if look_ahead is not None else Mistakes()
-        self._work = ActivitiesAtWork(machine.facts, task, failures, patience, self._heard.append, mistakes)
+        self._mistakes = look_ahead.mistakes if look_ahead is not None else Mistakes()
+        self._work = ActivitiesAtWork(machine.facts, task, failures, patience, self._heard.append, self._mistakes)
         self._unmet = ""
         """Why the current activity can't begin, in words; "" if it can."""
         self._failed_at_once = set[int]()
@@ -121,9 +122,9 @@ class CoordinationRun:
             self._begin_current()
             if not (self._unmet or self._events):
                 break
-            self._report(decision.preview)
+            self._report(decision)
         self._begin_ahead(decision)
-        self._report(decision.preview)
+        self._report(decision)
 
     def _decide(self) -> Decision:
         if self._look_ahead is None:
@@ -221,19 +222,24 @@ class CoordinationRun:
 
     # --- what is told ----------------------------------------------------------------------------------------------
 
-    def _report(self, preview: list[Foreseen]) -> None:
-        news = self._work.role_changes()
+    def _report(self, decision: Decision) -> None:
+        news, told = self._work.role_changes(), self._told
         for arrow in self._taken[:-1]:
-            self._task.report(CoordinationReport(arrow.after, arrow.symbol, arrow.before))
+            passed = told.refused if told is not None else []
+            self._task.report(CoordinationReport(arrow.after, arrow.symbol, arrow.before, refused=passed))
         last = self._taken[-1] if self._taken else TakenArrow(-1, "", -1)
         self._taken.clear()
+        preview = [_rounded(one) for one in decision.preview]
         report = CoordinationReport(
-            self._interpreter.current, last.symbol, last.before, [_rounded(one) for one in preview], news
-        )
-        told = self._told
-        if last.symbol or news or told is None or told.preview != report.preview:
+            self._interpreter.current, last.symbol, last.before, preview, news, decision.refused
+        )  # fmt: skip
+        if last.symbol or news or told is None or (told.preview, told.refused) != (preview, decision.refused):
             self._task.report(report)
             self._told = report
+        for objection in came_late(told, report) if told is not None else ():
+            why = why_not_early(self._machine.chart, objection)
+            if why.remedy:
+                self._mistakes.tell(*why)
 
 
 def _rounded(foreseen: Foreseen) -> Foreseen:

@@ -36,6 +36,11 @@ class ActivityTask:
         self._reports = self.sent.progress() if do.message.progress.kind is not type(None) else None
 
     @property
+    def has_progress(self) -> bool:
+        """Whether it can report its progress."""
+        return self._reports is not None
+
+    @property
     def has_failed(self) -> bool:
         """Whether it ended otherwise than done."""
         return self.failure is not None or bool(self.killed)
@@ -132,8 +137,8 @@ class StartedActivity:
 
     @property
     def progress(self) -> float:
-        """The least of its tasks' progress."""
-        return min(task.progress for task in self.tasks)
+        """The least progress of those tasks that can report any."""
+        return min((task.progress for task in self.tasks if task.has_progress), default=float(self.is_over))
 
     def update_tasks(self) -> None:
         """Tell its tasks of their data, where these have changed."""

@@ -22,9 +22,10 @@ from tca_tools.analysis.resources import Use, uses
 from tca_tools.analysis.step_words import why_then
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import Summary, summary
-from tca_tools.run.coordinators import Gain, gains
+from tca_tools.run.coordinators import Gain, gains, late_starts
 from tca_tools.run.whole_run import Run
 from tca_tools.why.story import Sentence, story
+from tca_wire.text.early_work import WhyNotEarly
 
 _WORTH_SAYING = 0.005
 """Advice must bear on this share of the run."""
@@ -66,6 +67,8 @@ class Contents(NamedTuple):
     advice: list[Advice]
     previews: list[tuple[str, int, Gain]]
     """Of each machine that looked ahead how often it ran, and what that gained."""
+    late: list[tuple[str, WhyNotEarly, int]]
+    """Of each machine, the reasons why activities did not start early, and how often."""
 
 
 def contents(run: Run) -> Contents:
@@ -81,7 +84,7 @@ def contents(run: Run) -> Contents:
     told = advice(run, causes, path, overlaps(run, causes), use, kinds, handling.seconds * _WORTH_SAYING, other)
     shown, shown_too = (_shown(run, one) if one else None for one in (path, other))
     stories, waits = _stories(run, kinds), long_waits(run, _WAITS)
-    return Contents(handling, kinds, stories, waits, use, shown, shown_too, told, gains(run))
+    return Contents(handling, kinds, stories, waits, use, shown, shown_too, told, gains(run), late_starts(run))
 
 
 def _stories(run: Run, kinds: list[FailureKind]) -> dict[int, list[Sentence]]:

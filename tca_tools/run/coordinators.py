@@ -4,6 +4,7 @@ Each report of a coordinator is read once, when somebody asks for the first time
 """
 
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import inf
@@ -12,9 +13,10 @@ from typing import NamedTuple
 
 from tca_tools.run.records import HandlerWait, Handling, Task
 from tca_tools.run.whole_run import Run
-from tca_wire.coordination import CoordinationChart, TaskRole, read_chart, read_report
+from tca_wire.coordination import CoordinationChart, CoordinationReport, Objection, TaskRole, read_chart, read_report
 from tca_wire.life_cycles import Effect
 from tca_wire.points import Moment
+from tca_wire.text.early_work import WhyNotEarly, came_late, why_not_early
 
 _EARLY = (TaskRole.AHEAD, TaskRole.KEPT, TaskRole.WASTED)
 _TIME = itemgetter(0)
@@ -68,6 +70,8 @@ class CoordinatorRecord:
         self.tasks: dict[int, SentByCoordinator] = {}
         self.predictions: list[bool] = []
         """Of each activity begun ahead, of which it is known: whether its state was entered."""
+        self._late = Counter[Objection]()
+        self._told: CoordinationReport | None = None
         self._read = 0
 
     def label(self, state: int) -> str:
@@ -78,6 +82,9 @@ class CoordinatorRecord:
         """Take in the reports that have come since."""
         for change in coordinator.life[self._read :]:
             report = read_report(change.body) if change.effect is Effect.RESULT else None
+            if report is not None:
+                self._late.update(came_late(self._told, report) if self._told is not None else ())
+                self._told = report
             outcomes = set[tuple[int, bool]]()
             for news in report.news if report is not None else ():
                 task = run.tasks.get(news.task)
@@ -92,6 +99,16 @@ class CoordinatorRecord:
         self._read = len(coordinator.life)
         if coordinator.has_ended:
             self._waste_rest(coordinator.time_of(Moment.END_ACHIEVING))
+
+    def late(self) -> Counter[WhyNotEarly]:
+        """Why activities did not start before their turn, and how often. Where nothing ran ahead, reasons without a
+        remedy are told, too.
+        """
+        words = Counter[WhyNotEarly]()
+        for objection, times in self._late.items():
+            words[why_not_early(self.chart, objection)] += times
+        has_early = any(task.is_early for task in self.tasks.values())
+        return Counter({why: times for why, times in words.items() if why.remedy or not has_early})
 
     def _waste_rest(self, end: float) -> None:
         """The run has ended: what is still ahead then, as it died, was in vain."""
@@ -172,6 +189,14 @@ def gains(run: Run) -> list[tuple[str, int, Gain]]:
     for task, record in coordinators(run):
         machines.setdefault(record.chart.machine, []).append(gain(run, task, record))
     return [(machine, len(some), _sum(some)) for machine, some in machines.items()]
+
+
+def late_starts(run: Run) -> list[tuple[str, WhyNotEarly, int]]:
+    """What kept activities of each machine from starting early, and how often."""
+    found = Counter[tuple[str, WhyNotEarly]]()
+    for _, record in coordinators(run):
+        found.update({(record.chart.machine, why): times for why, times in record.late().items()})
+    return [(machine, why, times) for (machine, why), times in found.most_common()]
 
 
 def _sum(some: list[Gain]) -> Gain:

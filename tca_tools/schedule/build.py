@@ -3,7 +3,7 @@
 Times are seconds since the coordinator's first task began.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from operator import attrgetter
 
 from tca_tools.gantt.chart import Bar
@@ -36,6 +36,8 @@ class AgentSchedule:
     """From the first task to the end of the last."""
     rows: list[AgentRow]
     title: str = ""
+    notes: list[str] = field(default_factory=list)
+    """Why activities did not start early."""
 
 
 def schedules(run: Run, name: str) -> list[AgentSchedule]:
@@ -57,7 +59,7 @@ def _schedule(run: Run, record: CoordinatorRecord) -> AgentSchedule | None:
     for agent in record.chart.agents:
         whose = [boxes[one.id] for one in record.tasks.values() if one.id in boxes and _needs(one, agent)]
         rows.append(_row(agent, whose, end - start))
-    return AgentSchedule(end - start, rows)
+    return AgentSchedule(end - start, rows, notes=[printable(str(why)) for why in record.late()])
 
 
 def _needs(one: SentByCoordinator, agent: str) -> bool:

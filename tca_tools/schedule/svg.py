@@ -1,6 +1,7 @@
 """Schedules as a picture, as figure 7 of the paper on preview coordination has them."""
 
 from collections.abc import Iterator, Sequence
+from textwrap import wrap
 
 from tca_tools.drawing.svg import document, rectangle, text, width_of
 from tca_tools.gantt.axis import Scale
@@ -15,6 +16,8 @@ _MARGIN, _PLOT, _LANE, _BLOCK, _TITLE = 24.0, 1000.0, 28.0, 18.0, 22.0
 _BOX = _LANE - 4
 _PLAIN = "#e4e7eb"
 _TENTHS = 10
+_NOTE = 150
+"""Characters in a line below the rows."""
 _STYLE = f"""\
 .block {{ font-weight: bold; }} .label {{ text-anchor: end; }}
 .gap {{ text-anchor: middle; fill: #7b8794; }} .words {{ text-anchor: middle; }}
@@ -38,6 +41,9 @@ def svg_text(some: Sequence[AgentSchedule]) -> str:
             body.append(f'<text class="label" x="{left - 8:.1f}" y="{y + 16:.1f}">{text(row.agent)}</text>')
             body += _row(row, scale, left, y)
             y += _LANE * max([1, *(box.lane + 1 for box in row.boxes)])
+        for line in [line for note in one.notes for line in wrap(note, _NOTE)]:
+            body.append(f'<text class="faint" x="{left:.1f}" y="{y + 12:.1f}">{text(line)}</text>')
+            y += _BLOCK
         y += _BLOCK
     body += _axis(scale, left, y - _BLOCK + 2)
     title = ", ".join(one.title for one in some)

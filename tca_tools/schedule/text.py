@@ -1,5 +1,6 @@
 """Schedules as text: a line for each agent, on one axis for all runs."""
 
+import textwrap
 from collections.abc import Iterator, Sequence
 
 from tca_tools.gantt.cells import TICK, Cells
@@ -26,6 +27,8 @@ def schedule_lines(some: Sequence[AgentSchedule], width: int, blocks: dict[str, 
         for row in one.rows:
             for number, cells in enumerate(_lanes(row, longest, columns, blocks)):
                 yield f"{padded('' if number else printable(row.agent), labels)}  {cells.line()}".rstrip()
+        for note in one.notes:
+            yield from textwrap.wrap(note, width, initial_indent="  ", subsequent_indent="    ")
     for cells in _axis(longest, columns, blocks):
         yield f"{' ' * labels}  {cells.line()}".rstrip()
     yield ""

@@ -13,6 +13,7 @@ from tca_tools.run.whole_run import Run
 from tca_tools.view.reading import Reading
 from tca_wire.charts import MachineChart, read_active, read_machine
 from tca_wire.coordination import CoordinationChart, read_chart, read_report
+from tca_wire.text.early_work import why_not_early
 
 _MOST_STATES = 200
 """Of a larger machine nobody could read the picture."""
@@ -33,6 +34,7 @@ def machine_answer(at: RunAt, task: TaskAt) -> dict[str, Any]:
             "active": _known(chart, [report.current]),
             "foreseen": foreseen,
             "likely": likely_arrows(chart, report),
+            "late": [str(why_not_early(chart, one)) for one in report.refused],
         }
     }
 

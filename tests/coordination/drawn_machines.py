@@ -7,9 +7,9 @@ from random import Random
 
 from tca_coordination import Activity, Agent, Do, Fact, LikelyArrow, Policy, PreviewLimits, Situation
 from tca_coordination.preview.branches import BareArrow, live_variables
-from tca_coordination.preview.conflicts import Reason
 from tca_coordination.preview.decide import EarlyWork, Present, WorkPhase, decide
 from tca_module import Command
+from tca_wire.coordination import Reason
 
 WORK = Command("work", str, progress=float)
 BUSY = (WorkPhase.RUNNING, WorkPhase.STOPPING)

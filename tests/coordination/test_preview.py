@@ -25,10 +25,9 @@ from tca_coordination import (
     progress_only,
 )
 from tca_coordination.preview.branches import needed_later
-from tca_coordination.preview.conflicts import Objection, Reason
 from tca_coordination.preview.decide import Decision, EarlyWork, Present, Start, WorkPhase, decide
 from tca_module import Command, MisuseError, Variable
-from tca_wire.coordination import Foreseen
+from tca_wire.coordination import Foreseen, Objection, Reason
 
 MOVE_BASE = Command("move base", str, progress=float)
 MOVE_ARM = Command("move arm", str, progress=float)
@@ -230,7 +229,7 @@ def test_the_arm_moves_while_the_base_is_under_way() -> None:
 def test_nothing_starts_before_its_utility_is_enough() -> None:
     early = decided("going to B", progress=0.4)
     assert early.starts == []
-    assert early.refused[0] == Objection(number("arm to B"), Reason.UTILITY)
+    assert early.refused[0] == Objection(number("arm to B"), Reason.UTILITY, other=number("going to B"))
 
 
 def test_what_is_done_ahead_is_what_the_next_one_builds_on() -> None:
@@ -327,7 +326,7 @@ def watched(undo: bool) -> Coordination:
 def test_a_branch_that_needs_the_old_value_forbids_what_cannot_be_undone() -> None:
     refused = decided("going to B", machine=watched(undo=False))
     assert refused.starts == []
-    assert refused.refused == [Objection(1, Reason.BRANCH, "arm")]
+    assert refused.refused == [Objection(1, Reason.BRANCH, "arm", 2)]
     assert decided("going to B", machine=watched(undo=True)).starts == [Start(1)]
 
 
@@ -347,8 +346,8 @@ def test_a_branch_may_fail_before_it_makes_a_variable_anew() -> None:
         greet.to(end)
         greet.to(look, on="failed")
         look.to(end)
-    assert needed_later(machine)[0] == {"light", "arm", "base"}
-    assert decided("going to B", machine=machine).refused == [Objection(1, Reason.BRANCH, "arm")]
+    assert needed_later(machine)[0] == {"light": 2, "arm": 2, "base": 1}
+    assert decided("going to B", machine=machine).refused == [Objection(1, Reason.BRANCH, "arm", 2)]
 
 
 def test_nothing_is_built_on_work_that_may_be_in_vain() -> None:
@@ -392,7 +391,7 @@ def test_an_activity_that_changes_what_it_needs_must_be_undoable() -> None:
         end = machine.final("end")
         going.to(lifting)
         lifting.to(end)
-    assert decided("going to B", machine=machine).refused == [Objection(1, Reason.BRANCH, "arm")]
+    assert decided("going to B", machine=machine).refused == [Objection(1, Reason.BRANCH, "arm", 1)]
 
 
 def test_nothing_is_built_on_what_comes_later() -> None:
@@ -410,6 +409,47 @@ def test_nothing_is_built_on_what_comes_later() -> None:
     decision = decided("going to B", {**START, "arm": "B"}, [done], machine=machine)
     assert decision.refused == [Objection(1, Reason.NEEDS, "arm")]
     assert decision.stops == [Objection(2, Reason.CONFLICT, "arm", 1)]
+
+
+def going_and_reaching(first: Activity, likelihood: Prior | None, event: str = "done") -> Coordination:
+    """The arm reaches after the base has gone; if that fails, the machine gives up."""
+    with Coordination("reaching", facts=START) as machine:
+        going = machine.state("going to B", first)
+        reach = machine.state("arm to B", arm("B"))
+        end, given_up = machine.final("end"), machine.final("given up")
+        going.to(reach, on=event)
+        going.to(given_up, on="failed", likelihood=likelihood)
+        reach.to(end)
+    return machine
+
+
+def test_a_failure_begins_no_branch_when_it_is_impossible() -> None:
+    unsaid = decided("going to B", machine=going_and_reaching(base("B"), None))
+    assert unsaid.refused == [Objection(1, Reason.BRANCH, "arm", 3)]
+    assert decided("going to B", machine=going_and_reaching(base("B"), Prior(0.0))).starts == [Start(1)]
+
+
+def test_the_only_other_arrow_is_certain_beside_an_impossible_one() -> None:
+    for likelihood, starts in ((Prior(0.0), [Start(1)]), (None, [])):
+        decision = decided("going to B", machine=going_and_reaching(base("B"), likelihood, "arrived"))
+        assert decision.starts == starts
+    assert decision.refused == [Objection(0, Reason.STEADY)], "it may wait for that event as long as it likes"
+    with Coordination("choice", facts=START) as machine:
+        going, reach = machine.state("going to B", base("B")), machine.state("arm to B", arm("B"))
+        going.to("end", when=BOX_B_FREE, likelihood=Prior(0.0))
+        going.to(reach)
+        reach.to(machine.final("end"))
+    assert [arrow.likelihood for arrow in machine.automaton(Situation()).arcs(0)] == [0.0, 1.0]
+
+
+def test_utilities_see_no_limit_where_no_progress_is_reported() -> None:
+    hold = Activity(Do(MOVE_GRIPPER, "hold", GRIPPER))
+    for policy in (Discrete(0.5), Discrete(0.5, utility=lambda one: one.progress_of_current)):
+        for first, starts in ((hold, [Start(1)]), (base("B"), [])):
+            machine = going_and_reaching(first, Prior(0.0))
+            decision = decided("going to B", progress=0.0, machine=machine, policy=policy)
+            assert decision.starts == starts
+        assert decision.refused == [Objection(1, Reason.UTILITY, other=0)]
 
 
 def test_the_progress_before_passes_the_end_of_a_compound_but_no_wait() -> None:
@@ -430,7 +470,7 @@ def test_the_progress_before_passes_the_end_of_a_compound_but_no_wait() -> None:
     assert decision.starts == [Start(reach.number)]
     arm_done = [EarlyWork(reach.number, WorkPhase.DONE)]
     decision = decided("going to B", {**START, "arm": "B"}, arm_done, machine=machine)
-    assert decision.refused == [Objection(grip.number, Reason.UTILITY)]
+    assert decision.refused == [Objection(grip.number, Reason.UTILITY, other=pause.number)]
 
 
 def test_the_cost_of_undoing_counts_where_a_branch_may_need_it() -> None:
@@ -510,7 +550,9 @@ def test_speeds_follow_the_utility() -> None:
     runs = [EarlyWork(1, share=0.3, progress=0.9)]
     decision = decided("going to B", machine=machine, progress=0.75, policy=policy, work=runs)
     assert decision.speeds == [Start(1, 0.7)]
-    assert decision.refused == [Objection(2, Reason.UTILITY)], "it has no slow way, so it waits for its full utility"
+    assert decision.refused == [Objection(2, Reason.UTILITY, other=1)], (
+        "it has no slow way, so it waits for its full utility"
+    )
 
 
 @pytest.mark.parametrize("make", [lambda: Discrete(float("nan")), lambda: Continuous(0.5, 0.5)])

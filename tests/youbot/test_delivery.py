@@ -1,6 +1,7 @@
 """Figure 7 of the paper as real runs on a stepped clock: what was ahead, replaced, wasted; and what never is."""
 
 import itertools
+import re
 from pathlib import Path
 
 import pytest
@@ -97,7 +98,7 @@ def test_with_all_likelihoods_0_the_journal_is_that_of_the_plain_machine() -> No
             Coordinator(unlikely, policy=Discrete(0.01, likelihood)),
         )
     )
-    assert looking == plain
+    assert re.sub(r'"refused": \[[^]]*\]', '"refused": []', looking) == plain, "but for the objections"
 
 
 def test_an_arm_that_moves_ahead_slowly_is_told_to_hurry_when_its_state_is_entered() -> None:

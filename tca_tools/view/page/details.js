@@ -42,6 +42,7 @@ export class Details {
     yield element("h2", { text: numbered(about.name, about.id) });
     yield* this.#lead(about);
     if (about.machine) yield this.machines.shown(about.id, about.machine);
+    if (about.machine?.late?.length) yield element("ul", { class: "late" }, ...about.machine.late.map((text) => element("li", { text })));
     yield* this.#relations(about);
     if (about.constraints?.length) {
       yield element("h3", { text: "constraints" });
