@@ -123,15 +123,12 @@ class _Nodes:
 def _region(name: str, region: RegionModel) -> Iterator[str]:
     nodes = _Nodes(name, region)
     yield from _level(nodes, "")
-    labels: dict[tuple[str, str], list[str]] = {}
-    for one in region.transitions:
-        labels.setdefault((one.source, one.target), []).extend(_label(one))
-    for (source, target), lines in labels.items():
-        label = "<br/>".join(map(escape, lines))
-        if nodes.order[source] < nodes.order[target]:
-            yield _arrow(nodes, source, target, [f"label=<{label}>"])
+    for one in region.transitions:  # an edge each: lines of one label read as what must be true together
+        label = "<br/>".join(f"&#160;{escape(line)}" for line in _label(one))
+        if nodes.order[one.source] < nodes.order[one.target]:
+            yield _arrow(nodes, one.source, one.target, [f"label=<{label}>"])
         else:  # what is written first stands above
-            yield _arrow(nodes, target, source, [f"label=<{label}>", "dir=back"])
+            yield _arrow(nodes, one.target, one.source, [f"label=<{label}>", "dir=back"])
 
 
 def _level(nodes: _Nodes, outer: str) -> Iterator[str]:

@@ -197,6 +197,8 @@ def _region(place: str, name: str, given: Any) -> RegionModel:
 def _instance(name: str, given: Any, components: dict[str, ComponentModel]) -> InstanceModel:
     place = f"instances.{name}"
     check_name(place, name)
+    if name == "all":
+        raise BadUserFile(f"{place}: 'all' is the list of all instances in application.py: choose another name")
     table = read_table(_Instance, place, _in_short(place, "component", given))
     if table.component not in components:
         raise BadUserFile(f"{place}: component '{table.component}' is unknown: {advice(table.component, components)}")

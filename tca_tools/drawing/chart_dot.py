@@ -83,26 +83,25 @@ def _arrows(chart: MachineChart) -> Iterator[str]:
                 yield f"begin_{number} -> {head(chart.states, inner)} [style=invis];"
                 yield f"{tail(chart.states, inner)} -> end_{number} [style=invis];"
         elif inside:
-            yield _arrow(f"begin_{number}", head(chart.states, inside[0]), [], frames(chart.states, -1, inside[0]))
+            cut = frames(chart.states, -1, inside[0])
+            yield _arrow(f"begin_{number}", head(chart.states, inside[0]), "completed", cut)
             if not _shows_end(chart, number):
                 yield f"{tail(chart.states, inside[-1])} -> end_{number} [style=invis];"
-        for target in dict.fromkeys(state.next.values()):
-            endings = [ending for ending, to in state.next.items() if to == target]
+        for ending, target in state.next.items():  # an arrow each, in its colour
             source, to = tail(chart.states, number), head(chart.states, target)
             if target > number:
-                yield _arrow(source, to, endings, frames(chart.states, number, target))
+                yield _arrow(source, to, ending, frames(chart.states, number, target))
             else:  # what is written first stands above
-                yield _arrow(to, source, endings, ["dir=back", *frames(chart.states, target, number)])
+                yield _arrow(to, source, ending, ["dir=back", *frames(chart.states, target, number)])
         if "completed" in state.ends and "completed" not in state.next and _ends_container(chart, state):
-            yield _arrow(tail(chart.states, number), f"end_{state.parent}", [], frames(chart.states, number, -1))
+            end = f"end_{state.parent}"
+            yield _arrow(tail(chart.states, number), end, "completed", frames(chart.states, number, -1))
 
 
-def _arrow(source: str, target: str, endings: list[Ending], looks: list[str]) -> str:
-    colour = _COLOURS[endings[-1]] if endings else INK
-    looks = [*looks, f'color="{colour}"']
-    if endings not in ([], ["completed"]):
-        looks.append(f'label="{", ".join(endings)}", fontcolor="{colour}"')
-        looks += ["style=dashed"] * ("completed" not in endings)
+def _arrow(source: str, target: str, ending: Ending, looks: list[str]) -> str:
+    looks = [*looks, f'color="{_COLOURS[ending]}"']
+    if ending != "completed":
+        looks.append(f'label="{ending}", fontcolor="{_COLOURS[ending]}", style=dashed')
     return f"{source} -> {target} [{', '.join(looks)}];"
 
 

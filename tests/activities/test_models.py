@@ -1,6 +1,7 @@
 """A model is checked, drawn and turned into Python that runs; what is written by hand stays."""
 
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -10,6 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tca_activities.models.command import generate
+from tca_activities.models.dot import model_dot
 from tca_activities.models.reading import model_of, read_model
 from tca_wire.user_toml import BadUserFile
 
@@ -94,6 +96,7 @@ BAD = [
     ('needs = ["enabling.enabled"]', 'needs = ["enabled"]'),
     ('needs = ["enabling.enabled"]', 'needs = "enabling.enabled"'),
     ('x = "Joint"', 'x = "Joind"'),
+    ('x = "Joint"', 'all = "Joint"\nx = "Joint"'),
     ('x = "Joint"', "x = 5"),
     ('x = "Joint"', 'X = "Joint"'),
     ("length = 2.0", "lenght = 2.0"),
@@ -265,6 +268,14 @@ def test_its_types_are_right(model: Path) -> None:
 
 
 # --- pictures ------------------------------------------------------------------------------------------------------
+
+
+def test_each_transition_has_an_arrow_of_its_own(model: Path) -> None:
+    """Between two states a stop and a loss of power are two ways, not one that needs both."""
+    labels = re.findall(r"label=<([^>]*)>, dir=back", model_dot(read_model(model)))
+    assert [label for label in labels if "able" in label or "stop" in label] == [
+        "&#160;disable", "&#160;stop", "&#160;disable",
+    ]  # fmt: skip
 
 
 def test_a_model_is_drawn(model: Path) -> None:

@@ -25,7 +25,7 @@ def machine() -> StateMachine:
 
 
 ARROWS = [
-    "begin_0 -> s1", "s1 -> s2", "s2 -> begin_3 lhead=cluster_3", "s2 -> s8 failed, timeout dashed",
+    "begin_0 -> s1", "s1 -> s2", "s2 -> begin_3 lhead=cluster_3", "s2 -> s8 failed dashed", "s2 -> s8 timeout dashed",
     "begin_3 -> s4 invis", "s4 -> end_3 invis", "begin_3 -> begin_5 invis", "end_5 -> end_3 invis",
     "end_3 -> s8 ltail=cluster_3", "begin_5 -> s6", "s6 -> s7", "s7 -> end_5", "s1 -> s8 dir=back",
     "s8 -> end_0 invis",
