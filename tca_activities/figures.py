@@ -12,6 +12,10 @@ from tca_activities.reports import (
     ProcessorEntry,
     ProcessorFigures,
 )
+from tca_wire.text.measures import duration
+
+_RECENT, _RECENT_PERIODS = 10.0, 100
+"""Seconds, and periods, for which a late tick overrules the analysis: the longer of the two."""
 
 
 def allocation_report(application: str, policy: str, is_running: bool, schedule: Schedule) -> AllocationReport:
@@ -29,7 +33,10 @@ def application_figures(application: str, running_for: float, now: float, schedu
     demands = [demand for one in schedule.processors if (demand := _demands(one.activities)) is not None]
     is_known = len(demands) == len(schedule.processors)
     bounds = response_bounds(demands) if is_known else [None for _ in schedule.processors]
-    processors = [_processor(one, bound, is_known, now) for one, bound in zip(schedule.processors, bounds, strict=True)]
+    processors = [
+        _processor(schedule, one, bound, is_known, now) for one, bound in zip(schedule.processors, bounds, strict=True)
+    ]
+    verdicts = {one.is_schedulable for one in processors}
     return ApplicationFigures(
         application,
         running_for,
@@ -37,10 +44,11 @@ def application_figures(application: str, running_for: float, now: float, schedu
         sum(utilisation(one) for one in demands) if is_known else None,
         liu_layland(len(schedule.processors)),
         is_hyperbolic(utilisation(one) for one in demands) if is_known else None,
-        all(one.is_schedulable for one in processors) if is_known else None,
+        None if verdicts == {None} else False not in verdicts,
         processors,
         [_activity(one) for one in schedule.activities.values()],
         schedule.held_by(now),
+        next((f"{one.name}: {one.refuted}" for one in processors if one.refuted), ""),
     )
 
 
@@ -62,10 +70,19 @@ def _activity(one: ScheduledActivity) -> ActivityFigures:
     )  # fmt: skip
 
 
-def _processor(one: Processor, bound: float | None, is_known: bool, now: float) -> ProcessorFigures:
+def _processor(schedule: Schedule, one: Processor, bound: float | None, is_known: bool, now: float) -> ProcessorFigures:
+    """Measurement overrules analysis, unless the last late tick was long ago."""
     jitter = max((each.times.jitter for each in one.activities), default=0.0)
     margin = one.period - bound if bound is not None else None
     verdict = bound is not None if is_known else None
+    last_late, refuted = None, ""
+    if late := schedule.last_late(one, bound or one.period, now):
+        last_late = now - late[0]
+        if verdict is not False and last_late <= max(_RECENT, _RECENT_PERIODS * one.period):
+            took = f"{duration(late[1])} from due to done {duration(last_late)} ago"
+            limit = f"the {'bound' if bound else 'period'} is {duration(bound or one.period)}"
+            verdict, refuted = False, f"refuted by measurement: {took}; {limit}"
     return ProcessorFigures(
-        one.name, one.ticks, one.load.share(now), one.times.response, jitter, one.overruns, bound, margin, verdict
-    )
+        one.name, one.ticks, one.load.share(now), one.times.response, jitter, one.overruns, bound, margin, verdict,
+        refuted, last_late,
+    )  # fmt: skip

@@ -77,6 +77,13 @@ class ProcessorFigures(msgspec.Struct, frozen=True):
     margin: float | None
     """The period less the bound."""
     is_schedulable: bool | None
+    """By the analysis, unless a recent tick has refuted it."""
+    refuted: str = ""
+    """The tick of the last 10 s, or 100 periods, that ended later than the bound, or than the period if there is none:
+    in words; empty: none did.
+    """
+    last_late: float | None = None
+    """Seconds since the last such tick, however long ago; None: there was none."""
 
 
 class ApplicationFigures(msgspec.Struct, frozen=True):
@@ -97,3 +104,5 @@ class ApplicationFigures(msgspec.Struct, frozen=True):
     activities: list[ActivityFigures]
     held_by: str = ""
     """An activity whose tick has run for more than a second: nothing else is ticked until it ends."""
+    refuted: str = ""
+    """The first processor that measurement refutes, in words."""

@@ -25,7 +25,7 @@ from tca_activities.models.model import (
     Word,
 )  # fmt: skip
 from tca_activities.models.names import FILES, check_attributes, check_class, check_name, check_state, file_of
-from tca_activities.models.statecharts import check_region
+from tca_activities.models.statecharts import check_estimate, check_region
 from tca_wire.user_toml import BadUserFile, advice, read_table, read_toml, shown
 
 
@@ -158,6 +158,7 @@ def _component(name: str, given: Any, types: dict[str, TypeModel]) -> ComponentM
         regions=regions,
     )  # fmt: skip
     check_attributes(place, component)
+    check_estimate(place, table.period, table.estimate)
     for one in regions:
         check_region(f"{place}.regions.{one.name}", one, {region.name: region for region in regions})
     return component

@@ -7,8 +7,15 @@ from tca_activities.models.model import RegionModel, StateModel, TransitionModel
 from tca_wire.user_toml import BadUserFile, advice
 
 
+def check_estimate(place: str, period: float, estimate: float) -> None:
+    """That a tick ends before the next is due. Raises BadUserFile."""
+    if 0 < period < estimate:
+        raise BadUserFile(f"{place}.estimate is longer than the period: divide the work into shorter steps")
+
+
 def check_region(place: str, region: RegionModel, regions: dict[str, RegionModel]) -> None:
     """Raises BadUserFile for a region that can't be run."""
+    check_estimate(place, region.period, region.estimate)
     above: dict[str, StateModel] = {}
     initial: dict[str, str] = {}
     for state in region.states:
@@ -32,6 +39,7 @@ def _check_state(place: str, state: StateModel, above: dict[str, StateModel], in
         initial[state.inside] = state.name
     if state.activity and not state.period:
         raise BadUserFile(f"{place}.period is missing: activity '{state.activity}' needs a number of seconds above 0")
+    check_estimate(place, state.period, state.estimate)
     if not state.activity and (state.period or state.estimate):
         raise BadUserFile(f'{place} has a period or estimate, and no activity: add activity = "METHOD"')
 

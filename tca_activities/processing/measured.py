@@ -1,8 +1,13 @@
 """What is measured of activities and processors while they run. Pure: times are passed in."""
 
 import math
+from collections import deque
 
 _WINDOW = 1.0  # seconds over which the load is taken
+_MOST_PEAKS = 1000
+
+Late = tuple[float, float]
+"""When a tick ended late, and its response time."""
 
 
 class TickTimes:
@@ -10,6 +15,8 @@ class TickTimes:
 
     def __init__(self) -> None:
         self.response = 0.0  #: the longest from being due to the end
+        # Those after which none was as long: the last one above any limit is among them.
+        self._peaks: deque[Late] = deque(maxlen=_MOST_PEAKS)
         self._longest_delay, self._shortest_delay = -math.inf, math.inf  # from being due to the beginning
 
     @property
@@ -19,9 +26,17 @@ class TickTimes:
 
     def add(self, due: float, began: float, ended: float) -> None:
         """Take in a tick."""
-        self.response = max(self.response, ended - due)
+        response = ended - due
+        self.response = max(self.response, response)
+        while self._peaks and self._peaks[-1][1] <= response:
+            self._peaks.pop()
+        self._peaks.append((ended, response))
         self._longest_delay = max(self._longest_delay, began - due)
         self._shortest_delay = min(self._shortest_delay, began - due)
+
+    def last_above(self, limit: float) -> Late | None:
+        """The last tick with a longer response time, if any."""
+        return next((one for one in reversed(self._peaks) if one[1] > limit), None)
 
 
 class Execution:

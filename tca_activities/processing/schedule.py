@@ -5,7 +5,7 @@ from collections import deque
 from typing import NamedTuple
 
 from tca_activities.activity import StateActivity
-from tca_activities.processing.measured import Execution, Load, TickTimes
+from tca_activities.processing.measured import Execution, Late, Load, TickTimes
 from tca_module import MisuseError
 from tca_module.period import Period
 from tca_wire.text.measures import duration
@@ -129,6 +129,11 @@ class Schedule:
         if one.processor is not None:
             one.processor.look_again()
 
+    def last_late(self, processor: Processor, limit: float, now: float) -> Late | None:
+        """The last tick of a processor with a longer response time: the one that is due now, or one that has ended."""
+        so_far = now - processor.due if self.ticked is not None else 0.0  # it may wait for a tick that does not end
+        return (now, so_far) if so_far > limit + _EXACT else processor.times.last_above(limit + _EXACT)
+
     def held_by(self, now: float) -> str:
         """The activity whose tick takes so long that something must be wrong with it."""
         return self.ticked.name if self.ticked is not None and now - self._began > _LONG else ""
@@ -140,7 +145,7 @@ class Schedule:
         if activity.name in self.activities:
             raise MisuseError(f"two activities are called '{activity.name}': give their components different names")
         _check_period(activity.name, activity.period)
-        _check_estimate(activity.name, activity.estimate)
+        _check_estimate(activity.name, activity.estimate, activity.period)
         self.activities[activity.name] = ScheduledActivity(activity)
 
     def processor(self, name: str) -> Processor | None:
@@ -208,6 +213,9 @@ def _check_period(name: str, seconds: float) -> None:
         raise MisuseError(f"the period of activity '{name}' must be {wanted}, not {seconds!r:.60}")
 
 
-def _check_estimate(name: str, seconds: float | None) -> None:
+def _check_estimate(name: str, seconds: float | None, period: float) -> None:
     if not (seconds is None or (isinstance(seconds, (int, float)) and 0 <= seconds <= _LONGEST)):
         raise MisuseError(f"the estimate of activity '{name}' must be 0 to {_LONGEST:g} seconds, not {seconds!r:.60}")
+    if seconds is not None and seconds > period:
+        said = f"activity '{name}' takes {duration(seconds)}, longer than its period"
+        raise MisuseError(f"{said} of {duration(period)}: divide it into shorter steps")

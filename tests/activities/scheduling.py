@@ -47,6 +47,6 @@ def task_sets(draw: st.DrawFn, periods: Sequence[int] = (4, 5, 6, 8, 10, 12, 20,
     for place in range(number):
         rest = left * draw(st.floats(0.01, 0.99)) ** (1 / (number - place - 1)) if place < number - 1 else 0.0
         period = draw(st.sampled_from(periods)) * 1000
-        found.append(Demand(f"a{place}", period, max(1, int((left - rest) * period))))
+        found.append(Demand(f"a{place}", period, min(period, max(1, int((left - rest) * period)))))
         left = rest
     return found

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from tca_activities import Application, VirtualBaton, automatic, one_each, one_for_all
 from tca_activities.components import Component
+from tca_activities.figures import application_figures
 from tca_activities.processing import Baton
 from tca_activities.processing.schedule import Schedule
 from tca_module import MisuseError
@@ -326,6 +327,34 @@ def test_late_ticks_and_those_left_out_are_counted(baton: VirtualBaton) -> None:
         assert abs(one.ticks + one.left_out - due) <= 1
     assert figures["c.r0.on"].left_out > 0
     assert figures["c.r0.on"].overruns > 0
+
+
+def test_measurement_overrules_analysis_for_a_while() -> None:
+    slow: list[float] = []
+    baton = VirtualBaton(lambda _: slow.pop() if slow else 0.0001)
+    application = Application("test", [Counter("c", estimate=0.0001)], one_each, baton=baton)
+    with application.running():
+        baton.run(0.5)
+        assert application.figures().is_schedulable
+        slow.append(0.05)
+        baton.run(0.1)
+        found = application.figures()
+        assert not found.is_schedulable
+        assert found.refuted == f"{found.processors[0].name}: {found.processors[0].refuted}"
+        baton.run(20.0)
+        later = application.figures()
+        assert (later.is_schedulable, later.refuted) == (True, "")
+        assert later.processors[0].last_late == pytest.approx(20.05, abs=0.01)
+        turn = baton.schedule.next_turn(baton.clock() + 1.0)
+        assert turn is not None
+        baton.schedule.begin(turn.processor, baton.clock())
+        hung = application_figures("test", 0.0, baton.clock() + 3.0, baton.schedule)
+        assert all(one.refuted for one in hung.processors), "they wait for a tick that does not end"
+
+
+def test_an_estimate_longer_than_the_period_is_refused() -> None:
+    with pytest.raises(MisuseError, match=r"'c\.r0\.on' takes 3 ms, longer than its period of 1 ms: divide it"):
+        Application("test", [Counter("c", estimate=0.003)])
 
 
 def test_an_estimate_that_ticks_refute_does_not_count() -> None:

@@ -16,6 +16,7 @@ from activities.joint import Joint
 from playwright.sync_api import BrowserContext, Page, expect
 
 from tca_activities import Application, one_for_all
+from tca_activities.components import Component
 from tca_activities.manager import Control, ControlField, Manager
 from tca_activities.page.app import application as served_application
 from tca_activities.page.live import LiveApplication
@@ -136,6 +137,19 @@ def by_keyboard(page: Page, town: Town, slow: str, fast: str) -> None:
     assert [one.name for one in town.application.allocation().unallocated] == [fast]
     page.keyboard.press("ArrowLeft")
     expect(page.locator(".processor:not(.place) .activity:focus")).to_have_attribute("data-activity", fast)
+
+
+def test_the_page_is_red_where_measurement_refutes_the_analysis(town: Town, look: Look) -> None:
+    hung = threading.Event()
+    camera = Component[dict[str, int]]("camera", dict)
+    camera.region("eye", period=0.5).state("open", activity=hung.wait, period=0.5, estimate=0.0001)
+    page = look(town.address, f"?key={town.key}")
+    try:
+        town.application.add(camera)
+        expect(page.locator("#verdict.bad")).to_have_text("refuted by measurement")
+        expect(page.locator(".processor .verdict.bad")).to_contain_text("refuted by measurement: ")
+    finally:
+        hung.set()
 
 
 def test_all_windows_tell_that_it_stops_begins_anew_and_is_lost(town: Town, look: Look, window: BrowserContext) -> None:

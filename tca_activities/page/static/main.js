@@ -48,7 +48,8 @@ const TAKERS = {
     part("figures").textContent = `load ${percent(load)}${utilisation === null ? "" : `, utilisation at most ${percent(utilisation)}`}`;
     part("figures").title = "load: measured in the last second; utilisation: by declared or longest execution times";
     part("verdict").hidden = fits === null;
-    part("verdict").textContent = fits ? "schedulable" : "not schedulable";
+    part("verdict").textContent = figures.refuted ? "refuted by measurement" : fits ? "schedulable" : "not schedulable";
+    part("verdict").title = figures.refuted;
     part("verdict").className = `badge ${fits ? "good" : "bad"}`;
   },
   picture(svg) {

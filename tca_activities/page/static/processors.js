@@ -172,11 +172,11 @@ export class Processors {
   }
 }
 
-function tell({ told, verdict }, { load, response, jitter, overruns, bound, margin, is_schedulable: fits }) {
+function tell({ told, verdict }, { load, response, jitter, overruns, bound, margin, is_schedulable: fits, refuted, last_late: ago }) {
   const parts = [["load", `${(100 * load).toFixed(1)} %`], ["response", duration(response)], ["jitter", duration(jitter)],
     ["overruns", overruns.toLocaleString("en")], ...bound === null ? [] : [["bound", duration(bound)], ["margin", duration(margin)]]];
   told.replaceChildren(...parts.flatMap(([what, value]) => [element("span", { class: "what", text: ` ${what} ` }), element("span", { class: `value${what === "overruns" && overruns ? " bad" : ""}`, text: value })]));
-  verdict.textContent = fits === null ? "not known yet" : fits ? "schedulable" : "not schedulable";
+  verdict.textContent = (refuted || (fits === null ? "not known yet" : fits ? "schedulable" : "not schedulable")) + (ago === null || refuted ? "" : `, last late ${duration(ago)} ago`);
   verdict.className = `verdict ${fits === null ? "faint" : fits ? "good" : "bad"}`;
 }
 
