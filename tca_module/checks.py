@@ -207,8 +207,9 @@ def check_handles(failure: Any, handler: Any) -> None:
 def check_function(
     what: str, function: Any, wanted: str, possible: Sequence[int] = (), *, may_be_async: bool = False
 ) -> int:
-    """The number of arguments a function takes, of the *possible* ones; *wanted* shows them, such as "(sender, reply)".
-    Raises MisuseError for what can't be called so, or must be awaited.
+    """The least number of arguments a function takes, of the *possible* ones; *wanted* shows them, such as
+    "(sender, reply)". So a parameter with a default keeps that: ``lambda n=n: ...`` in a loop. Raises MisuseError for
+    what can't be called so, or must be awaited.
     """
     if not callable(function):
         raise MisuseError(f"{what}: {function!r:.60} is no function: give one that takes {wanted}")
@@ -219,8 +220,8 @@ def check_function(
     try:
         signature = inspect.signature(function)
     except (TypeError, ValueError):
-        return possible[-1]  # some functions written in C do not say
-    for number in possible:
+        return min(possible)  # some functions written in C do not say
+    for number in sorted(possible):
         with contextlib.suppress(TypeError):
             signature.bind(*(None,) * number)
             return number

@@ -162,8 +162,9 @@ class Module(Sender):
         """Have the decorated function called every *period* seconds while the module runs, first after one period,
         without drift; missed calls are skipped.
 
-        The function takes the Callback, to send with and to ``cancel()``, or nothing. The thread of *resource* calls it
-        between messages; by default a thread for callbacks alone. Errors in it are logged.
+        The function takes the Callback, to send with and to ``cancel()``, or nothing. A parameter with a default keeps
+        it: ``lambda n=n: ...``. The thread of *resource* calls it between messages; by default a thread for callbacks
+        alone. Errors in it are logged.
         """
         check("every()", checks.NAME_OR_NONE, resource=resource)
 

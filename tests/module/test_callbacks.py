@@ -11,6 +11,7 @@ from module.real_central import SOON
 from module.robot import MOVE_LEG, STANCE, TEMPERATURE, Footfall
 
 from tca_module import Callback, Client, MisuseError, Module, Task
+from tca_module.checks import check_function
 from tca_module.link.connection import Connection
 from tca_module.serving.callbacks import Callbacks, Timers
 from tca_module.session.session import Session
@@ -78,6 +79,17 @@ def test_time_counts_from_the_beginning_of_the_module(clock: Clock) -> None:
     clock.pass_by(9.0)
     assert called == [151.0, 152.0]
     assert not clock.callbacks
+
+
+def test_a_default_argument_stays_when_a_callback_may_do_without(clock: Clock) -> None:
+    called: list[object] = []
+    for n in (1, 2):
+        clock.callbacks.every(1.0, lambda n=n: called.append(n))
+    clock.callbacks.every(1.0, lambda callback, n=n: called.append((type(callback), n)))
+    clock.begin()
+    clock.pass_by(1.0)
+    assert called == [1, 2, (Callback, 2)]
+    assert check_function("observes()", lambda change, n=n: (change, n), "(change)", (2, 1)) == 1
 
 
 def test_an_error_stops_nobody(clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
