@@ -131,7 +131,7 @@ class _Deciding:
                 if state in seen:
                     self.decision.refused.append(Objection(state, Reason.REPEATED))
                 else:
-                    self._turn(self._candidate(index, foreseen, activity, progress), activity, before)
+                    self._turn(self._candidate(index, foreseen, activity, before, progress), activity)
                     work = self.work.get(state)
                     is_done = work is not None and work.phase is WorkPhase.DONE
                     self.before.add(state, activity.needs, activity.makes, is_done=is_done)
@@ -190,7 +190,8 @@ class _Deciding:
 
     # --- one activity ----------------------------------------------------------------------------------------------
 
-    def _candidate(self, index: int, foreseen: Foreseen, activity: Activity, before: float) -> Candidate:
+    def _candidate(self, index: int, foreseen: Foreseen, activity: Activity, before: int, progress: float) -> Candidate:
+        """*progress*: of the activity of the state *before*."""
         work = self.work.get(foreseen.state)
         runs = work is not None and work.phase is WorkPhase.RUNNING
         cost = self._valued(nan, activity, lambda: activity.cost(self.present.situation))
@@ -199,22 +200,23 @@ class _Deciding:
             index=index,
             likelihood=foreseen.likelihood,
             probability=foreseen.probability,
-            progress_before=before,
+            progress_before=progress,
             cost=cost,
             undo_cost=cost if harmed(activity, self.needed) else 0.0,
             progress=work.progress if work is not None and runs else 0.0,
             share=work.share if work is not None and runs else 0.0,
             progress_of_current=self._progress_of_current(),
+            state_before=before,
         )
 
-    def _turn(self, candidate: Candidate, activity: Activity, before: int) -> None:
-        """Start it, let it go on, stop it or refuse it. *before*: the state whose progress the candidate has."""
+    def _turn(self, candidate: Candidate, activity: Activity) -> None:
+        """Start it, let it go on, stop it or refuse it."""
         state = candidate.state
         work = self.work.get(state)
         if work is None:
-            self._begin(candidate, activity, before)
+            self._begin(candidate, activity)
         elif work.phase is WorkPhase.RUNNING:
-            self._go_on(candidate, activity, before)
+            self._go_on(candidate, activity)
         elif work.phase is WorkPhase.DONE:
             if objection := self._objection_to_result(state, activity):
                 self.decision.stops.append(objection)
@@ -225,10 +227,10 @@ class _Deciding:
         else:
             self.decision.refused.append(Objection(state, Reason.CONFLICT, other=state))
 
-    def _begin(self, candidate: Candidate, activity: Activity, before: int) -> None:
+    def _begin(self, candidate: Candidate, activity: Activity) -> None:
         state = candidate.state
         objection = self._objection(state, activity, is_running=False) or self._objection_to_start(state, activity)
-        share = self._allotted_share(candidate, activity, objection, before, self.decision.refused)
+        share = self._allotted_share(candidate, activity, objection, self.decision.refused)
         if not share:
             return
         if agent := self.held.full(activity.tasks):  # what runs there has to end first
@@ -238,23 +240,22 @@ class _Deciding:
         self.running.add(state, activity.needs, activity.makes)
         self.decision.starts.append(Start(state, share))
 
-    def _go_on(self, candidate: Candidate, activity: Activity, before: int) -> None:
+    def _go_on(self, candidate: Candidate, activity: Activity) -> None:
         state = candidate.state
         objection = self._objection(state, activity, is_running=True)
-        share = self._allotted_share(candidate, activity, objection, before, self.decision.stops)
+        share = self._allotted_share(candidate, activity, objection, self.decision.stops)
         if share and share != candidate.share:
             self.decision.speeds.append(Start(state, share))
 
     def _allotted_share(
-        self, candidate: Candidate, activity: Activity, objection: Objection | None, before: int,
-        objections: list[Objection],
-    ) -> float:  # fmt: skip
+        self, candidate: Candidate, activity: Activity, objection: Objection | None, objections: list[Objection]
+    ) -> float:
         """The share of full speed that the policy wants, with places at the agents; or 0, with an objection more."""
         share = 0.0 if objection else self._share(candidate, activity)
         if isnan(share):
             objection = Objection(candidate.state, Reason.MISTAKE)
         elif not objection and not share:
-            objection = Objection(candidate.state, Reason.UTILITY, other=before)
+            objection = Objection(candidate.state, Reason.UTILITY, other=candidate.state_before)
         if not objection and (agent := self.allotted.full(activity.tasks)):
             objection = Objection(candidate.state, Reason.AGENT, agent.name)
         if objection:
@@ -291,8 +292,9 @@ class _Deciding:
         if not activity.undo and (variable := harmed(activity, self.needed)):
             return Objection(state, Reason.BRANCH, variable, self.needed[variable])
         variable = next((variable for variable in activity.makes if variable in self.unsettled), None)
-        if variable and self.unsettled & self.needed.keys():  # what undoes that work would take this result with it
-            return Objection(state, Reason.BRANCH, variable)
+        spoilt = self.unsettled & self.needed.keys()
+        if variable and spoilt:  # what undoes that work would take this result with it
+            return Objection(state, Reason.BRANCH, variable, self.needed[min(spoilt)])
         return None
 
     def _objection_to_unforeseen(self, work: EarlyWork) -> Objection | None:

@@ -32,6 +32,8 @@ class Candidate:
     """Of full speed, with which it runs ahead now; 0: it does not run."""
     progress_of_current: float = 0.0
     """Of the activity of the current state, in [0, 1]; 1 where its tasks can report none."""
+    state_before: int = -1
+    """The state whose activity comes before it."""
 
 
 Utility = Callable[[Candidate], float]

@@ -33,12 +33,9 @@ class ActivityTask:
         send: Any = under.command if isinstance(do.message, Command) else under.goal
         self.sent: SentTask[Any] = send(do.message, data, sequential=False, priority=-rank)
         self.sent.on_change(lambda change: heard(self, change))
-        self._reports = self.sent.progress() if do.message.progress.kind is not type(None) else None
-
-    @property
-    def has_progress(self) -> bool:
-        """Whether it can report its progress."""
-        return self._reports is not None
+        self.has_progress = do.message.progress.kind is not type(None)
+        """Whether it can report any."""
+        self._reports = self.sent.progress() if self.has_progress else None
 
     @property
     def has_failed(self) -> bool:

@@ -2,6 +2,7 @@
 Pure.
 """
 
+from collections import Counter
 from typing import NamedTuple
 
 from tca_tools.analysis.advice import advice
@@ -22,7 +23,7 @@ from tca_tools.analysis.resources import Use, uses
 from tca_tools.analysis.step_words import why_then
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import Summary, summary
-from tca_tools.run.coordinators import Gain, gains, late_starts
+from tca_tools.run.coordinators import Gain, gains
 from tca_tools.run.whole_run import Run
 from tca_tools.why.story import Sentence, story
 from tca_wire.text.early_work import WhyNotEarly
@@ -65,10 +66,8 @@ class Contents(NamedTuple):
     which of the two it is about.
     """
     advice: list[Advice]
-    previews: list[tuple[str, int, Gain]]
-    """Of each machine that looked ahead how often it ran, and what that gained."""
-    late: list[tuple[str, WhyNotEarly, int]]
-    """Of each machine, the reasons why activities did not start early, and how often."""
+    previews: list[tuple[str, int, Gain, Counter[WhyNotEarly]]]
+    """Of each machine that looked ahead how often it ran, what that gained, and why activities did not start early."""
 
 
 def contents(run: Run) -> Contents:
@@ -84,7 +83,7 @@ def contents(run: Run) -> Contents:
     told = advice(run, causes, path, overlaps(run, causes), use, kinds, handling.seconds * _WORTH_SAYING, other)
     shown, shown_too = (_shown(run, one) if one else None for one in (path, other))
     stories, waits = _stories(run, kinds), long_waits(run, _WAITS)
-    return Contents(handling, kinds, stories, waits, use, shown, shown_too, told, gains(run), late_starts(run))
+    return Contents(handling, kinds, stories, waits, use, shown, shown_too, told, gains(run))
 
 
 def _stories(run: Run, kinds: list[FailureKind]) -> dict[int, list[Sentence]]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from tca_tools.run.records import HandlerWait, Handling, Task
 from tca_tools.run.whole_run import Run
-from tca_wire.coordination import CoordinationChart, CoordinationReport, Objection, TaskRole, read_chart, read_report
+from tca_wire.coordination import CoordinationChart, CoordinationReport, TaskRole, read_chart, read_report
 from tca_wire.life_cycles import Effect
 from tca_wire.points import Moment
 from tca_wire.text.early_work import WhyNotEarly, came_late, why_not_early
@@ -70,8 +70,8 @@ class CoordinatorRecord:
         self.tasks: dict[int, SentByCoordinator] = {}
         self.predictions: list[bool] = []
         """Of each activity begun ahead, of which it is known: whether its state was entered."""
-        self._late = Counter[Objection]()
-        self._told: CoordinationReport | None = None
+        self._late = Counter[WhyNotEarly]()
+        self._told = CoordinationReport(-1)
         self._read = 0
 
     def label(self, state: int) -> str:
@@ -83,7 +83,7 @@ class CoordinatorRecord:
         for change in coordinator.life[self._read :]:
             report = read_report(change.body) if change.effect is Effect.RESULT else None
             if report is not None:
-                self._late.update(came_late(self._told, report) if self._told is not None else ())
+                self._late.update(why_not_early(self.chart, one) for one in came_late(self._told, report))
                 self._told = report
             outcomes = set[tuple[int, bool]]()
             for news in report.news if report is not None else ():
@@ -104,11 +104,8 @@ class CoordinatorRecord:
         """Why activities did not start before their turn, and how often. Where nothing ran ahead, reasons without a
         remedy are told, too.
         """
-        words = Counter[WhyNotEarly]()
-        for objection, times in self._late.items():
-            words[why_not_early(self.chart, objection)] += times
         has_early = any(task.is_early for task in self.tasks.values())
-        return Counter({why: times for why, times in words.items() if why.remedy or not has_early})
+        return Counter({why: times for why, times in self._late.items() if why.remedy or not has_early})
 
     def _waste_rest(self, end: float) -> None:
         """The run has ended: what is still ahead then, as it died, was in vain."""
@@ -183,20 +180,14 @@ class Gain(NamedTuple):
     """How long the machine ran."""
 
 
-def gains(run: Run) -> list[tuple[str, int, Gain]]:
-    """The gain of each machine, with how often it ran."""
+def gains(run: Run) -> list[tuple[str, int, Gain, Counter[WhyNotEarly]]]:
+    """The gain of each machine, with how often it ran, and why activities did not start early, how often."""
     machines: dict[str, list[Gain]] = {}
+    late: dict[str, Counter[WhyNotEarly]] = {}
     for task, record in coordinators(run):
         machines.setdefault(record.chart.machine, []).append(gain(run, task, record))
-    return [(machine, len(some), _sum(some)) for machine, some in machines.items()]
-
-
-def late_starts(run: Run) -> list[tuple[str, WhyNotEarly, int]]:
-    """What kept activities of each machine from starting early, and how often."""
-    found = Counter[tuple[str, WhyNotEarly]]()
-    for _, record in coordinators(run):
-        found.update({(record.chart.machine, why): times for why, times in record.late().items()})
-    return [(machine, why, times) for (machine, why), times in found.most_common()]
+        late.setdefault(record.chart.machine, Counter()).update(record.late())
+    return [(machine, len(some), _sum(some), late[machine]) for machine, some in machines.items()]
 
 
 def _sum(some: list[Gain]) -> Gain:

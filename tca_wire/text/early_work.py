@@ -1,16 +1,15 @@
 """Why an activity did not start ahead of its state, and what to do, in words."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
-from tca_wire.coordination import ActivityKind, CoordinationChart, CoordinationReport, Objection, Reason
+from tca_wire.coordination import CoordinationChart, CoordinationReport, Objection, Reason
 
 
 class WhyNotEarly(NamedTuple):
     """An objection in words."""
 
     told: str
-    """``'reach' did not start early: its utility is too small``."""
+    """``'reach' did not start early: it has failed early``."""
     remedy: str
     """The change that lets it start early; "" if it has to wait for its turn."""
 
@@ -18,54 +17,38 @@ class WhyNotEarly(NamedTuple):
         return "; ".join(filter(None, self))
 
 
-_Words = Callable[[Objection, str], tuple[str, str]]
-"""From an objection, and the label of its other state, to its reason and its remedy."""
-
-_PHRASES: dict[Reason, _Words] = {
-    Reason.NOT_FORESEEN: lambda _, __: ("it is not foreseen any more", ""),
-    Reason.REPEATED: lambda _, __: ("it comes twice", ""),
-    Reason.NEEDS: lambda one, _: (f"'{one.name}' is not yet as it needs it", ""),
-    Reason.CONFLICT: lambda one, other: (
-        (f"{other} comes first, and makes or needs '{one.name}'" if one.name else "its tasks of last time still run"),
-        "",
-    ),
-    Reason.BRANCH: lambda one, other: (
-        (f"if {other} follows instead, '{one.name}' may be needed as it was" if one.other != one.state
-         else f"it or what follows it needs '{one.name}' as it was, if it comes again or fails"),
-        "give its Activity an undo=" + f", or the arrow to {other} likelihood=Prior(0.0) if it is never taken"
-        * (one.other != one.state),
-    ),
-    Reason.AGENT: lambda one, _: (f"agent '{one.name}' has no place left", ""),
-    Reason.UTILITY: lambda _, other: (
-        f"its utility is too small for the policy, with the progress of {other} so far",
-        f"let the handlers of {other} report progress, or give the policy a lower threshold or another utility",
-    ),
-    Reason.MISTAKE: lambda _, __: ("its cost, adapt or the policy failed, as the log says", ""),
-    Reason.FAILED: lambda _, __: ("it has failed early", ""),
-}  # fmt: skip
+_EARLY = "{state} did not start early: "
+_TOLD: dict[Reason, str] = {
+    Reason.STEADY: "nothing is foreseen beyond {state}",
+    Reason.NOT_FORESEEN: _EARLY + "it is not foreseen any more",
+    Reason.REPEATED: _EARLY + "it comes twice",
+    Reason.NEEDS: _EARLY + "{name} is not yet as it needs it",
+    Reason.CONFLICT: _EARLY + "{other} comes first, and shares {name} with it",
+    Reason.BRANCH: _EARLY + "{other}, or what follows, may need {name} as it was",
+    Reason.AGENT: _EARLY + "agent {name} has no place left",
+    Reason.UTILITY: _EARLY + "its utility is too small, by the progress of {other}",
+    Reason.MISTAKE: _EARLY + "its cost or the policy failed, as the log says",
+    Reason.FAILED: _EARLY + "it has failed early",
+}
+_REMEDIES: dict[Reason, str] = {
+    Reason.STEADY: "give its arrows known likelihoods, together more than 0.5",
+    Reason.BRANCH: "give its Activity an undo=, or Prior(0.0) to arrows never taken",
+    Reason.UTILITY: "report progress in {other}, or change threshold or utility",
+}
 
 
 def why_not_early(chart: CoordinationChart, one: Objection) -> WhyNotEarly:
     """An objection of a report, with the labels of its machine."""
-    label, other = _label(chart, one.state), _label(chart, one.other)
-    if one.reason is Reason.STEADY:
-        remedy = f"give the arrows of {label} likelihoods that are known, and together more than 0.5"
-        return WhyNotEarly(f"nothing is foreseen beyond {label}", remedy)
-    why, remedy = _PHRASES[one.reason](one, other)
-    is_wait = one.reason is Reason.UTILITY and chart.states[one.other].kind is ActivityKind.WAIT
-    return WhyNotEarly(f"{label} did not start early: {why}", "" if is_wait else remedy)
+    label = {number: f"'{state.label}'" for number, state in enumerate(chart.states)}
+    words = {"state": label.get(one.state, "?"), "other": label.get(one.other, "?"), "name": f"'{one.name or 'all'}'"}
+    told, remedy = _TOLD[one.reason], _REMEDIES.get(one.reason, "")
+    return WhyNotEarly(told.format(**words), remedy.format(**words))
 
 
 def came_late(before: CoordinationReport, now: CoordinationReport) -> list[Objection]:
     """The objections that held until a transition: to the activity of the state that is entered; and that nothing was
     foreseen, if an activity was done then.
     """
-    is_done = now.taken.split(" [")[0] == "done"
-    entered = {one for one in before.refused if one.state == now.current and one.reason is not Reason.STEADY}
-    steady = [one for one in before.refused if one.reason is Reason.STEADY and is_done and one.state == now.before]
-    return [*entered, *steady] if now.taken else []
-
-
-def _label(chart: CoordinationChart, state: int) -> str:
-    """In quotes; "" if there is no such state."""
-    return f"'{chart.states[state].label}'" if 0 <= state < len(chart.states) else ""
+    steady = now.before if now.taken.split(" [")[0] == "done" else -1
+    entered = now.current if now.taken else -1
+    return [one for one in before.refused if one.state == (steady if one.reason is Reason.STEADY else entered)]

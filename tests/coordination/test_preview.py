@@ -354,7 +354,7 @@ def test_nothing_is_built_on_work_that_may_be_in_vain() -> None:
     """The arm was moved for nothing, and is at B by chance. It may have to go back first."""
     machine = watched(undo=True)
     spoilt = decided("going to B", {**START, "arm": "B"}, machine=machine, spoilt=["arm"])
-    assert spoilt.refused == [Objection(1, Reason.BRANCH, "arm")]
+    assert spoilt.refused == [Objection(1, Reason.BRANCH, "arm", 2)]
     by_chance: dict[str, Fact] = {"base": "B", "arm": "B", "holding": True}
     assert decided("arm to B", by_chance, spoilt=["arm"], is_done=True).refused[0] == Objection(
         number("dropping at B"), Reason.NEEDS, "arm"
@@ -411,45 +411,33 @@ def test_nothing_is_built_on_what_comes_later() -> None:
     assert decision.stops == [Objection(2, Reason.CONFLICT, "arm", 1)]
 
 
-def going_and_reaching(first: Activity, likelihood: Prior | None, event: str = "done") -> Coordination:
-    """The arm reaches after the base has gone; if that fails, the machine gives up."""
+def reaching(first: Activity, likelihood: Prior | None, event: str = "done") -> Decision:
+    """What starts while the first activity has no progress; if it fails, the machine gives up."""
     with Coordination("reaching", facts=START) as machine:
-        going = machine.state("going to B", first)
-        reach = machine.state("arm to B", arm("B"))
-        end, given_up = machine.final("end"), machine.final("given up")
+        going, reach = machine.state("going to B", first), machine.state("arm to B", arm("B"))
         going.to(reach, on=event)
-        going.to(given_up, on="failed", likelihood=likelihood)
-        reach.to(end)
-    return machine
+        reach.to(machine.final("end"))
+        going.to(machine.final("given up"), on="failed", likelihood=likelihood)
+    return decided(
+        "going to B", progress=0.0, machine=machine, policy=Discrete(0.5, lambda one: one.progress_of_current)
+    )
 
 
 def test_a_failure_begins_no_branch_when_it_is_impossible() -> None:
-    unsaid = decided("going to B", machine=going_and_reaching(base("B"), None))
-    assert unsaid.refused == [Objection(1, Reason.BRANCH, "arm", 3)]
-    assert decided("going to B", machine=going_and_reaching(base("B"), Prior(0.0))).starts == [Start(1)]
+    hold = Activity(Do(MOVE_GRIPPER, "hold", GRIPPER))
+    assert reaching(hold, None).refused == [Objection(1, Reason.BRANCH, "arm", 3)]
+    assert reaching(hold, Prior(0.0)).starts == [Start(1)]
 
 
 def test_the_only_other_arrow_is_certain_beside_an_impossible_one() -> None:
-    for likelihood, starts in ((Prior(0.0), [Start(1)]), (None, [])):
-        decision = decided("going to B", machine=going_and_reaching(base("B"), likelihood, "arrived"))
-        assert decision.starts == starts
-    assert decision.refused == [Objection(0, Reason.STEADY)], "it may wait for that event as long as it likes"
-    with Coordination("choice", facts=START) as machine:
-        going, reach = machine.state("going to B", base("B")), machine.state("arm to B", arm("B"))
-        going.to("end", when=BOX_B_FREE, likelihood=Prior(0.0))
-        going.to(reach)
-        reach.to(machine.final("end"))
-    assert [arrow.likelihood for arrow in machine.automaton(Situation()).arcs(0)] == [0.0, 1.0]
-
-
-def test_utilities_see_no_limit_where_no_progress_is_reported() -> None:
     hold = Activity(Do(MOVE_GRIPPER, "hold", GRIPPER))
-    for policy in (Discrete(0.5), Discrete(0.5, utility=lambda one: one.progress_of_current)):
-        for first, starts in ((hold, [Start(1)]), (base("B"), [])):
-            machine = going_and_reaching(first, Prior(0.0))
-            decision = decided("going to B", progress=0.0, machine=machine, policy=policy)
-            assert decision.starts == starts
-        assert decision.refused == [Objection(1, Reason.UTILITY, other=0)]
+    assert reaching(hold, Prior(0.0), "arrived").starts == [Start(1)]
+    assert reaching(hold, None, "arrived").refused == [Objection(0, Reason.STEADY)], "that may never come"
+
+
+def test_only_an_activity_that_can_report_progress_holds_others_back() -> None:
+    assert reaching(base("B"), Prior(0.0)).refused == [Objection(1, Reason.UTILITY, other=0)]
+    assert reaching(Activity(Do(MOVE_GRIPPER, "hold", GRIPPER)), Prior(0.0)).starts == [Start(1)]
 
 
 def test_the_progress_before_passes_the_end_of_a_compound_but_no_wait() -> None:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from coordination.delivery_robot import ARM, MOVE_ARM, arm, base, delivery, opened, play
+from coordination.delivery_robot import ARM, MOVE_ARM, arm, delivery, opened, play
 from coordination.test_previews import AS_SOON_AS_LIKELY, fork
 from tools.runs import OPENED
 
@@ -46,15 +46,10 @@ def _taken_after(seconds: float, machine: Coordination) -> list[Entry]:
         return [OPENED, *run.central.entries]
 
 
-def held_up(policy: Policy = AS_SOON_AS_LIKELY) -> list[Entry]:
-    """The arm waits for its turn, as the delivery may be given up before."""
-    with Coordination("reaching", facts={"base": "A", "arm": "home"}) as machine:
-        going, reach = machine.state("going", base("B")), machine.state("reach", arm("box B"))
-        end = machine.final("end")
-        going.to(reach)
-        going.to(machine.final("given up"), on="failed")
-        reach.to(end)
-    with play(machine, policy) as run:
+def held_up() -> list[Entry]:
+    """Twice the arm waits for its turn, as a branch needs it at home."""
+    with play(fork(arm("box B"), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
+        run.box_b(1.0)
         for _ in range(2):
             ran = run.begin()
             run.central.advance(20)

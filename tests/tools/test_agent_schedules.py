@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
+from coordination.test_previews import AS_SOON_AS_LIKELY
 from tools.deliveries import deliver, figure_7, held_up, killed, too_late, undone, written
 
 from tca_coordination import Discrete
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path
 from tca_tools.gantt.chart import Bar
-from tca_tools.run.coordinators import coordinators, gain, late_starts
+from tca_tools.run.coordinators import coordinators, gain, gains
 from tca_tools.run.fold import folded
 from tca_tools.run.journals import open_log
 from tca_tools.schedule.build import AgentSchedule, schedules
@@ -128,8 +129,9 @@ def test_a_report_tells_what_the_preview_gained(tca: Tca, logs: list[Path], run:
 
 def test_what_started_late_is_told_everywhere(tca: Tca, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     journal = written(held_up(), tmp_path / "held up")
-    ((machine, why, times),) = late_starts(folded(open_log(journal)))
-    assert (machine, times) == ("reaching", 2)
+    ((machine, runs, _, late),) = gains(folded(open_log(journal)))
+    ((why, times),) = late.items()
+    assert (machine, runs, times) == ("fork", 2, 2)
     logged = [one.message for one in caplog.records if one.name == "tca.coordinator"]
     assert logged == [f"{why.told}: {why.remedy}"], "once, though it ran twice"
     assert "undo=" in why.remedy
@@ -139,13 +141,14 @@ def test_what_started_late_is_told_everywhere(tca: Tca, tmp_path: Path, caplog: 
         assert f"{why.told} {why.remedy}" in " ".join(re.sub("<[^>]*>|;", " ", shown).split())
 
 
-def test_an_activity_that_never_starts_early_names_its_turn(tmp_path: Path) -> None:
-    """Where nothing ran ahead, the order of the machine is told, too; where something did, it is expected."""
-    late = late_starts(folded(open_log(written(deliver(1.0, Discrete(2.0)), tmp_path / "never"))))
-    assert [why.told.split(":")[0] for _, why, _ in late if not why.remedy] == [
-        "'dropping in B' did not start early", "'tucking' did not start early", "'going back' did not start early",
-    ]  # fmt: skip
-    assert not late_starts(folded(open_log(written(deliver(1.0), tmp_path / "early"))))
+def test_the_order_of_the_machine_is_told_where_nothing_ran_ahead(tmp_path: Path) -> None:
+    never, early = (
+        gains(folded(open_log(written(deliver(1.0, policy), tmp_path / name))))[0][3]
+        for name, policy in (("never", Discrete(2.0)), ("early", AS_SOON_AS_LIKELY))
+    )
+    waits = [why.told.split(" did ")[0] for why in never if not why.remedy]
+    assert waits == ["'dropping in B'", "'tucking'", "'going back'"]
+    assert not early
 
 
 def test_what_was_undone_is_told(tca: Tca, tmp_path: Path) -> None:

@@ -64,5 +64,5 @@ def test_the_server_tells_which_states_are_likely(serve: Callable[[Path], str], 
 
 
 def test_the_page_tells_why_activities_have_not_started(look: Look, tmp_path: Path) -> None:
-    page = look(written(held_up(), tmp_path / "held up"), "#t=1&task=2")
-    until(page, "() => document.querySelector('#task .late li')?.textContent.includes('undo=')")
+    page = look(written(held_up(), tmp_path / "held up"), "#t=1&task=4")
+    until(page, "() => document.querySelector('#task .late')?.textContent.includes('undo=')")
