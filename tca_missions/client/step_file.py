@@ -4,13 +4,14 @@ import contextlib
 import fcntl
 import os
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 
+from tca_missions.outcomes import TaskEnd
 from tca_module import MisuseError
 
-_VERSION = 1
+_VERSION = 2
 
 
 class TaskBegun(msgspec.Struct, frozen=True):
@@ -25,12 +26,16 @@ class TaskBegun(msgspec.Struct, frozen=True):
 
 
 class StepLine(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A line: a step has begun, has started a task, is done with a value, or was left by an exception."""
+    """A line: a step has begun, has started a task, is done with a value, or was left by an exception.
+
+    The value is msgpack, since JSON has no NaN, no bytes and no keys but texts. The end of a task stays legible.
+    """
 
     step: str
     is_: Literal["begun", "task", "done", "left"] = msgspec.field(name="is")
     task: TaskBegun | None = None
-    value: Any = None
+    end: TaskEnd | None = None
+    value: bytes | None = None
 
     def __post_init__(self) -> None:
         if (self.is_ == "task") != (self.task is not None):
@@ -63,7 +68,7 @@ class StepFile:
             raise
 
     def add(self, line: StepLine) -> None:
-        """Append a line; it is on the disk when this returns. Raises MisuseError if its value can't be kept."""
+        """Append a line; it is on the disk when this returns."""
         self._write(line)
         self.lines.append(line)
 

@@ -47,21 +47,23 @@ class Steps:
 
     def skip(self, name: str) -> None:
         """Take a step as done, without a value."""
+        _check_name(name)
         self._note(StepLine(name, "done"))
 
     def run(self, name: str, function: Callable[..., T], call: Callable[[], T], *, again: bool) -> T:
         """Do a step by a *call* of the function, unless it was done before: then give its value."""
+        _check_name(name)
         last = self._last.get(name)
         if name in self._began_here and last is not None and last.is_ != "left":
             advice = f"give each step its own name, such as f'{name} {{number}}'"
             raise MisuseError(f"step '{name}' was {last.is_} by this run of the program already: {advice}")
         if last is not None and last.is_ == "done":
-            return _typed(last.value, function)
+            return _value(last, function)
         if last is not None and last.is_ == "begun":
             end = self._look_into(name, is_task=hasattr(function, "task_of_mission"), again=again)
             if end is not None:
-                self._note(StepLine(name, "done", value=msgspec.to_builtins(end)))
-                return _typed(msgspec.to_builtins(end), function)
+                self._note(line := StepLine(name, "done", end=end))
+                return _value(line, function)
         return self._do(name, function, call)
 
     def _look_into(self, name: str, *, is_task: bool, again: bool) -> TaskEnd | None:
@@ -86,21 +88,14 @@ class Steps:
         self._note(StepLine(name, "begun"))
         self._now.append(name)
         try:
-            value: Any = call()
+            line = _done(name, call(), function)
         except BaseException:
             self._note(StepLine(name, "left"))
             raise
         finally:
             self._now.pop()
-        try:
-            plain = msgspec.to_builtins(value)
-        except (TypeError, ValueError, RecursionError) as error:
-            self._note(StepLine(name, "done"))
-            raise MisuseError(
-                f"step '{name}' is done, but its value can't be kept ({error}): return plain data"
-            ) from None
-        self._note(StepLine(name, "done", value=plain))
-        return _typed(plain, function)
+        self._note(line)
+        return _value(line, function)
 
     def _note(self, line: StepLine) -> None:
         self._file.add(line)
@@ -125,11 +120,35 @@ def _fate(task: TaskHandle | None) -> str:
         return _UNKNOWN
 
 
-def _typed(value: Any, function: Callable[..., T]) -> T:
-    """The value of a step as its function declares it: the same whether it is done or was done before."""
+def _check_name(name: object) -> None:
+    if not (isinstance(name, str) and name == name.encode(errors="replace").decode()):
+        raise MisuseError(f"{name!r:.60} is no name of a step: give a text of Unicode characters")
+
+
+def _done(name: str, value: Any, function: Callable[..., Any]) -> StepLine:
+    """The line of a step that is done. Raises MisuseError if its value would come back as another one."""
+    if isinstance(value, TaskEnd):
+        return StepLine(name, "done", end=value)
     try:
-        kind: Any = get_type_hints(function).get("return", Any)
-        typed: T = msgspec.convert(value, kind)
-    except (NameError, TypeError, msgspec.ValidationError):
-        typed = value
+        line = StepLine(name, "done", value=msgspec.msgpack.encode(value))
+        kept = _value(line, function)
+        is_same = kept == value or repr(kept) == repr(value)  # NaN is equal to nothing, but has one name
+        why = "" if is_same else f"{value!r:.60} would come back as {kept!r:.60}"
+    except (TypeError, ValueError, OverflowError, RecursionError, msgspec.MsgspecError) as error:
+        why = f"{error}"
+    if why:
+        advice = "return plain data, and declare the type of what the function returns"
+        raise MisuseError(f"step '{name}' does not count as done: its value can't be kept ({why}): {advice}")
+    return line
+
+
+def _value(line: StepLine, function: Callable[..., T]) -> T:
+    """The value of a step that is done, as its function declares it: the same now and when the mission is resumed."""
+    value: Any = line.end
+    if line.value is not None:
+        try:
+            value = msgspec.msgpack.decode(line.value, type=get_type_hints(function).get("return", Any))
+        except (NameError, TypeError, msgspec.ValidationError):
+            value = msgspec.msgpack.decode(line.value)
+    typed: T = value
     return typed

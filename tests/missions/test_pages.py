@@ -15,7 +15,7 @@ from tca_module.testing import LocalCentral
 
 DOCS = Path(__file__).parents[2] / "docs"
 PATROL = "from tca_missions import ConditionIsCompleted, ConditionVerified, Mission\n"
-UNDER_WAY = '{"steps_of":"test","version":1}\n{"step":"to the kitchen","is":"begun"}\n'
+UNDER_WAY = '{"steps_of":"test","version":2}\n{"step":"to the kitchen","is":"begun"}\n'
 
 
 def blocks(page: str) -> list[str]:

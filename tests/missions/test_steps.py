@@ -1,14 +1,17 @@
 """Steps of missions: done once, whatever becomes of the program; and the file that says so."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
+from functools import partial
+from math import inf, nan
 from pathlib import Path
 from typing import Any
 
 import pytest
 from missions.rover import Rover, rover
 
-from tca_missions import Mission, MissionTaskFailed, Status, StepUncertain
+from tca_missions import Mission, MissionTaskFailed, Status, StepUncertain, TaskEnd
 from tca_module import MisuseError
 from tca_module.testing import LocalCentral
 
@@ -130,12 +133,45 @@ def test_steps_of_one_run_have_names_of_their_own(trip: Trip) -> None:
             mission.step("outer", lambda: mission.step("outer", list))
 
 
-def test_a_value_that_cannot_be_kept_is_an_error(trip: Trip) -> None:
-    with (
-        trip.mission() as mission,
-        pytest.raises(MisuseError, match="step 'watch' is done, but its value can't be kept"),
-    ):
-        mission.step("watch", mission.Watch)
+def moment() -> datetime:
+    return datetime(2026, 1, 2, 3, 4, 5)  # noqa: DTZ001 - one without a zone is what does not keep by itself
+
+
+def pair() -> tuple[int, bytes]:
+    return 1, b"\xff"
+
+
+@pytest.mark.parametrize(
+    "function",
+    [moment, pair, lambda: nan, lambda: {1: [inf, None], "a": b"\0"}, lambda: 2**63, lambda: datetime.now(UTC), lambda: TaskEnd(132, "x")],
+)  # fmt: skip
+def test_a_resumed_step_has_the_value_of_the_first_run(trip: Trip, function: Callable[[], Any]) -> None:
+    values = []
+    for again in (function, partial(pytest.fail, "it is done again")):
+        again.__annotations__ = function.__annotations__
+        with crashes(), trip.mission() as mission:
+            values.append(mission.step("look", again))
+            raise Crash
+    assert repr(values[0]) == repr(values[1])
+    assert type(values[0]) is type(function())
+
+
+@pytest.mark.parametrize(
+    "function", [lambda: "\ud800", lambda: 2**64, lambda: (1, 2), lambda: {1, 2}, lambda: datetime.max, object]
+)
+def test_a_value_that_would_change_is_refused(trip: Trip, function: Callable[[], Any]) -> None:
+    for _ in range(2):  # it does not count as done, and is not uncertain either
+        with crashes(), trip.mission() as mission:
+            with pytest.raises(MisuseError, match="step 'look' does not count as done: its value can't be kept"):
+                mission.step("look", function)
+            raise Crash
+
+
+@pytest.mark.parametrize("name", [3, "\ud800"])
+def test_a_name_that_cannot_be_kept_is_refused(trip: Trip, name: Any) -> None:
+    with trip.mission() as mission, pytest.raises(MisuseError, match="is no name of a step"):
+        mission.step(name, mission.Drive)
+    assert trip.robot.done == []
 
 
 def test_a_torn_line_counts_as_never_written(trip: Trip) -> None:
@@ -153,11 +189,11 @@ def test_a_torn_line_counts_as_never_written(trip: Trip) -> None:
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
-        ('{"steps_of":"trip","version":1}\n?\n{"step":"a","is":"begun"}\n', "line 2 of .* is damaged"),
-        ('{"steps_of":"other","version":1}\n', "holds the steps of mission 'other', not of 'trip'"),
+        ('{"steps_of":"trip","version":2}\n?\n{"step":"a","is":"begun"}\n', "line 2 of .* is damaged"),
+        ('{"steps_of":"other","version":2}\n', "holds the steps of mission 'other', not of 'trip'"),
         ('{"steps_of":"trip","version":9}\n', "in format 9"),
         ("precious\n", "holds no steps of a mission: give another file"),
-        ('{"steps_of":"trip","version":1}\n{"step":"a","is":"task"}\n{"step":"a","is":"left"}\n', "line 2 of .* is damaged"),
+        ('{"steps_of":"trip","version":2}\n{"step":"a","is":"task"}\n{"step":"a","is":"left"}\n', "line 2 of .* is damaged"),
     ],
 )  # fmt: skip
 def test_a_file_that_cannot_be_used_is_left_alone(trip: Trip, content: str, problem: str) -> None:
