@@ -12,7 +12,7 @@ from functools import lru_cache
 import msgspec
 
 from tca_wire.errors import BadFormat
-from tca_wire.vocabulary import Party, is_name
+from tca_wire.vocabulary import Outcome, Party, is_name
 
 MOST_TRANSITIONS = 100
 
@@ -98,12 +98,12 @@ class LifeCycle:
         """The transitions that a party may take in some state."""
         return list(dict.fromkeys(one.name for one in self.transitions if one.by in (by, Party.BOTH)))
 
-    def ending(self, state: str, end: str, *, failed: bool = False) -> str:
-        """The name of the transition from *state* to that *end*: the first in the table, unless the task failed."""
-        ways = [one for one in self.transitions if one.source == state and one.target == end]
-        if failed:
-            ways = [one for one in ways if one.effect is not Effect.STOP] or ways
-        return ways[0].name if ways else ("completed" if end == self.done else "failed")
+    def ending(self, state: str, end: str, outcome: Outcome) -> str:
+        """The name of the transition from *state* to that *end*: the first in the table that fits the outcome."""
+        rows = (one for one in self.transitions if (one.source, one.target) == (state, end))
+        is_kill = outcome is Outcome.KILLED  # only a kill takes the way of a client's cancel, and no other
+        ways = [one.name for one in rows if end == self.done or (one.effect is Effect.STOP) is is_kill]
+        return ways[0] if ways else ("completed" if end == self.done else str(outcome))
 
     def refusal(self, state: str) -> Transition | None:
         """The transition by which the server refuses what a client has asked for."""

@@ -132,7 +132,7 @@ def tell_end(central: State, task: Task) -> None:
     cycle = task.message.life_cycle
     outcome, failure, text, body = central.outcome(task)
     end_state = cycle.done if outcome is Outcome.DONE else cycle.cancelled
-    transition = cycle.ending(task.state, end_state, failed=outcome is Outcome.FAILED)
+    transition = cycle.ending(task.state, end_state, outcome)
     task.state = end_state
     task.serial += 1
     by = Party.CENTRAL if outcome is Outcome.KILLED else Party.SERVER

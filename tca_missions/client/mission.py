@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, ParamSpec, Self, TypeVar
 
 from tca_missions.client.catalogue import Catalogue
-from tca_missions.client.conditions import ConditionVerified, MissionCondition
-from tca_missions.client.errors import BadParameter, NotOffered
+from tca_missions.client.conditions import ConditionIsCompleted, ConditionVerified, MissionCondition
+from tca_missions.client.errors import BadParameter, MissionTaskFailed, NotOffered
 from tca_missions.client.interrupts import interrupt_held
 from tca_missions.client.mission_goal import MissionGoal
 from tca_missions.client.offered_task import OfferedTask
@@ -63,7 +63,7 @@ class BaseMission:
         self._running: dict[int, TaskHandle] = {}
         self.ended = deque[TaskHandle](maxlen=_ENDED)  #: the last of its tasks to end, oldest first
         self._conditions: list[MissionCondition] = []
-        self._verified: list[MissionCondition] = []  # those that have ended a wait
+        self._interruption: ConditionVerified | MissionTaskFailed | None = None  # with it conditions end a wait
 
     def __enter__(self) -> Self:
         self.open()
@@ -162,7 +162,7 @@ class BaseMission:
             sent = below.execute_if_handled(command, data)
         if sent is None:
             raise NotOffered(f"nobody offers {command.name} any more: start its server, see 'tca messages'")
-        handle = TaskHandle(name, sent, self._goal.take_text, self._forget)
+        handle = TaskHandle(name, sent, self._forget)
         self._running[handle.id] = handle
         if self._steps is not None:
             self._steps.note_task(handle)
@@ -192,7 +192,7 @@ class BaseMission:
     def _finish(self, task: TaskHandle) -> None:
         """Wait for the end of a task in the foreground; one that is not waited for any more must not go on."""
         try:
-            self._wait([task], None)
+            self._wait([task], None, in_foreground=[task])
         except CentralLost:
             raise  # it can't be told
         except BaseException as error:
@@ -237,13 +237,15 @@ class BaseMission:
         check_handles(*tasks)
         return self._wait(tasks, timeout)
 
-    def _wait(self, tasks: Sequence[TaskHandle], timeout: float | None) -> list[TaskHandle]:
+    def _wait(
+        self, tasks: Sequence[TaskHandle], timeout: float | None, *, in_foreground: Sequence[TaskHandle] = ()
+    ) -> list[TaskHandle]:
         """Wait until one of the tasks has ended, or something ends the wait: a condition, the loss of the server, a
         kill of the mission.
         """
         until = None if timeout is None else time.monotonic() + timeout
         while not (ended := [task for task in tasks if task.is_known_over]):
-            self._raise_verified()
+            self._raise_verified(in_foreground)
             left = None if until is None else until - time.monotonic()
             if left is not None and left <= 0:
                 return [task for task in tasks if task.is_over]
@@ -264,7 +266,7 @@ class BaseMission:
                 raise NotOffered(
                     f"nobody offers {task.sent.message} any more, and {task} waited for it: start its server"
                 )
-        return bool(ended or self._verified)
+        return bool(ended or self._interruption)
 
     def _lost(self, tasks: Iterable[TaskHandle]) -> list[TaskHandle]:
         """The tasks whose message nobody handles any more, as central has said just now."""
@@ -346,7 +348,7 @@ class BaseMission:
             return None
         try:
             sent = self._goal.sender.sent_task(self._catalogue.message(offered), task.id, task.epoch)
-            handle = TaskHandle(task.name, sent, self._goal.take_text, self._forget)
+            handle = TaskHandle(task.name, sent, self._forget)
             handle.end  # noqa: B018 - is it known?
         except (CentralLost, Refused):
             return None
@@ -355,26 +357,39 @@ class BaseMission:
     # --- conditions ------------------------------------------------------------------------------------------------
 
     def add_condition(self, condition: MissionCondition) -> None:
-        """From now on *condition* interrupts whatever the mission waits for, with ConditionVerified."""
+        """From now on *condition* interrupts whatever the mission waits for, with ConditionVerified. One whose task did
+        not complete interrupts with MissionTaskFailed.
+        """
         if not isinstance(condition, MissionCondition):
             raise MisuseError(f"{condition!r:.60} is no condition: give it a method is_verified()")
         self._conditions.append(condition)
 
     def clear_conditions(self) -> None:
-        """No condition interrupts the mission any more. The tasks that they watched go on."""
+        """No condition interrupts the mission any more. The tasks of those with ``stop_on_clear`` are stopped; it waits
+        until they have left things safe. Raises Timeout.
+        """
+        cleared = [one for one in self._conditions if isinstance(one, ConditionIsCompleted) and one.stop_on_clear]
         self._conditions.clear()
+        self._stopping.stop([one.task for one in cleared], "its condition was cleared")
 
     def _is_verified(self) -> bool:
-        self._verified = [condition for condition in self._conditions if condition.is_verified()]
-        return bool(self._verified)
+        """Whether a condition ends the wait now: it is verified, or never will be, since its task has failed."""
+        try:
+            verified = [condition for condition in self._conditions if condition.is_verified()]
+            self._interruption = ConditionVerified(verified) if verified else None
+        except MissionTaskFailed as failed:
+            self._interruption = failed
+        return self._interruption is not None
 
-    def _raise_verified(self) -> None:
-        verified, self._verified = self._verified, []
-        if verified or self._is_verified():
-            verified = verified or self._verified
-            self._verified = []
-            self.clear_conditions()
-            raise ConditionVerified(verified)
+    def _raise_verified(self, in_foreground: Sequence[TaskHandle] = ()) -> None:
+        if self._interruption is None and not self._is_verified():
+            return
+        interruption, self._interruption = self._interruption, None
+        assert interruption is not None
+        for task in in_foreground:  # it stops together with the tasks of the conditions, not after them
+            task.stop("the mission was interrupted")
+        self.clear_conditions()
+        raise interruption
 
 
 class Mission(BaseMission):

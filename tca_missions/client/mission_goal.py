@@ -50,8 +50,8 @@ class _NameTakenError(Exception):
 class MissionGoal:
     """A module of the mission's own, and a goal that it handles until the mission ends.
 
-    When the process dies the goal fails with "module lost", and central kills what is under it. Failures of the tasks
-    are dealt with here: the mission gets them as exceptions, and decides.
+    When the process dies the goal fails with "module lost", and central kills what is under it. A task that fails is
+    killed here, and so stays *failed*: the mission gets that as an exception, and decides what comes next.
     """
 
     def __init__(self, name: str, server: str, central: CentralAddress, under: Task | None, *, stays: bool) -> None:
@@ -65,7 +65,6 @@ class MissionGoal:
         self._begun = queue.SimpleQueue[tuple[int, LaterReply[None]]]()
         self._owed: LaterReply[None] | None = None
         self._top: TaskRef | None = None
-        self._texts: dict[int, str] = {}
         self._stack = contextlib.ExitStack()
         self.lost = set[str]()  #: messages that were handled, and are not any more
         self.changes = 0  #: grows when central has told of handlers that came or went
@@ -155,10 +154,6 @@ class MissionGoal:
             with contextlib.suppress(TcaError):
                 self._top.wait(_ENDS_WITHIN if waits else 0.0)
 
-    def take_text(self, task: int) -> str:
-        """The text of the failure of a task; "" if none was heard."""
-        return self._texts.pop(task, "")
-
     # --- handlers: they run in threads of the module ------------------------------------------------------------------
 
     def _begin(self, task: Task, _: MissionInfo) -> LaterReply[None]:
@@ -167,11 +162,15 @@ class MissionGoal:
         return later
 
     def _deal_with(self, task: Task) -> None:
-        """A task of the mission has failed: the mission's own program decides what comes of that."""
-        trouble = task.trouble
-        if self._top is not None and trouble.failing.id == self._top.id:
+        """A task of the mission, or one under it, has failed: that ends the mission's task, but not the mission."""
+        trouble, failing, top = task.trouble, task.trouble.failing, self._top
+        if top is None or failing.id == top.id:
             raise trouble.reissue()
-        self._texts[trouble.failing.id] = trouble.text
+        # Killed and not resolved, because a task that is killed after a failure counts as failed everywhere.
+        failing.kill("it has failed, and the mission continues")
+        above = list(itertools.takewhile(lambda one: one.id != top.id, failing.ancestors()))
+        if above:  # the mission's task is to it as a top-level task is to central
+            above[-1].fail(Failure(trouble.failure)(text=f"in {failing}: {trouble.text}"))
 
     def _note_handlers(self, _: Task, count: HandlerCount) -> None:
         if count.handlers:

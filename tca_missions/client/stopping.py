@@ -67,7 +67,7 @@ class Stopping:
             if not (info.killed or info.failure):
                 self._ending.pop(task.id, None)
             elif time.monotonic() >= self._ending.setdefault(task.id, time.monotonic()) + _PATIENCE:
-                self._say([task], "was stopped" if info.killed else "has failed")
+                self._say([task], "has failed" if info.failure else "was stopped")
 
     def forget(self, task: TaskHandle) -> None:
         """It has ended."""

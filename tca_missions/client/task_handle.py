@@ -13,15 +13,11 @@ from tca_module import BadData, MisuseError, SentTask, TaskFailed, TaskKilled
 class TaskHandle:
     """A task that a mission has started: ``watch = mission.WaitForROI(foreground=False, ...)``."""
 
-    def __init__(
-        self, name: str, sent: SentTask[Any], text_of: Callable[[int], str], on_end: "Callable[[TaskHandle], None]"
-    ) -> None:
-        """*text_of*: the text with which a task failed, by its number."""
+    def __init__(self, name: str, sent: SentTask[Any], on_end: "Callable[[TaskHandle], None]") -> None:
         self.name = name
         self.sent = sent  #: as the library knows it: for constraints, wiretaps, ``info()``
         self.parameters: dict[str, Any] = {}  #: those that it was given
         self.failure = ""  #: the name of the failure that it ended with
-        self._text_of = text_of
         self._on_end = on_end
         self._end: TaskEnd | None = None
 
@@ -93,8 +89,7 @@ class TaskHandle:
             return TaskEnd(Status.INTERRUPTED | Status.TERMINATED, error.why)
         except TaskFailed as error:
             self.failure = error.failure
-            text = self._text_of(self.id) or error.text
-            return TaskEnd(status_of(error.failure) | Status.TERMINATED, text.partition("\n")[0])
+            return TaskEnd(status_of(error.failure) | Status.TERMINATED, error.text.partition("\n")[0])
 
 
 def check_handles(*tasks: object) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from tca_tools.check.missions import check_recovered
 from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import CAUGHT, HANDLER, KILLED, NUMBERS, QUEUED, RECOVERED, SUSPENDED
 from tca_tools.check.world import JournalWorld
@@ -159,6 +160,7 @@ def _check_recovered(world: JournalWorld, failing: MessageRecord) -> None:
 def recovered(world: JournalWorld, task: MessageRecord, fact: facts.Recovered) -> None:
     """A failure has been dealt with. The task may have ended with its exception handler."""
     del fact
+    check_recovered(world, task)
     if not task.ended_handlers and not task.is_stranger:
         world.broken(RECOVERED, task, "recovered, and no exception handler of it has ended")
     handler = task.ended_handlers.pop(0) if task.ended_handlers else 0

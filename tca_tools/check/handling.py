@@ -3,6 +3,7 @@
 from tca_tools.check import lives, rules
 from tca_tools.check.births import not_met, not_startable
 from tca_tools.check.failing import failed as failed_task
+from tca_tools.check.missions import check_status
 from tca_tools.check.presence import claim_in_words
 from tca_tools.check.records import MessageRecord, ResourceRecord
 from tca_tools.check.taps import answered as condition_answered
@@ -145,6 +146,7 @@ def returned(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> 
         world.expect(lambda: not item.must_fail, rules.CAUGHT, item, what)
     elif item.is_task:
         item.returned = item.is_killed or not item.again
+        check_status(world, item, fact)
     else:
         if item.role is Role.CONDITION:
             condition_answered(world, item)

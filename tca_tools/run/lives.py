@@ -16,7 +16,7 @@ from tca_tools.run.whole_run import Run
 from tca_wire.errors import BadFormat
 from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, read_life_cycle
 from tca_wire.points import Moment
-from tca_wire.vocabulary import Party
+from tca_wire.vocabulary import Outcome, Party
 
 _TIME, _TIME_AND_ORDER = attrgetter("time"), itemgetter(0, 1)
 
@@ -131,7 +131,7 @@ def _implied(cycle: LifeCycle, task: Task, state: str, what: int, time: float) -
             return None
         return LifeChange(time, cycle.accepted.name, cycle.accepted.target, 0, Party.SERVER, runs[0] if runs else "")
     is_done = task.state_at(time) is TaskState.ACHIEVED
-    has_failed = not is_done and bool(task.was("failure", time))
+    outcome = Outcome.DONE if is_done else Outcome.FAILED if task.was("failure", time) else Outcome.KILLED
     end = cycle.done if is_done else cycle.cancelled
-    by = Party.SERVER if is_done or has_failed else Party.CENTRAL
-    return LifeChange(time, cycle.ending(state, end, failed=has_failed), end, 0, by)
+    by = Party.CENTRAL if outcome is Outcome.KILLED else Party.SERVER
+    return LifeChange(time, cycle.ending(state, end, outcome), end, 0, by)

@@ -3,6 +3,7 @@
 import inspect
 import threading
 from collections.abc import Callable
+from contextlib import ExitStack
 from math import inf, nan
 from typing import Any
 
@@ -197,14 +198,76 @@ def test_a_condition_that_holds_already_lets_nothing_start() -> None:
         assert robot.done == ["watched"]
 
 
-def test_conditions_can_be_cleared() -> None:
+@pytest.mark.parametrize("stop_on_clear", [False, True])
+def test_a_cleared_condition_stops_its_task_unless_told_not_to(stop_on_clear: bool) -> None:
     with mission_of_rover() as (mission, robot):
         watch = mission.Watch()
-        mission.add_condition(ConditionIsCompleted(watch))
+        mission.add_condition(ConditionIsCompleted(watch, stop_on_clear=stop_on_clear))
         mission.clear_conditions()
-        robot.arrived.set()
-        mission.wait_for_task(watch)
+        assert robot.done == (["watched"] if stop_on_clear else [])
+        assert watch.is_over is stop_on_clear
         mission.Drive()
+
+
+def test_thirty_rounds_with_conditions_leave_no_task() -> None:
+    with mission_of_rover() as (mission, robot):
+        for number in range(30):
+            mission.add_condition(ConditionIsCompleted(mission.Watch()))
+            mission.add_condition(When(lambda: robot.done[-1:] == ["to 9"]))
+            try:
+                mission.Drive(x=9.0 if number % 2 else 1.0, fails="never" if number % 2 else "")
+                mission.clear_conditions()
+            except ConditionVerified:
+                assert number % 2
+            assert mission.running_tasks() == []
+
+
+class When:
+    """A condition of one's own."""
+
+    def __init__(self, is_so: Callable[[], bool]) -> None:
+        self.is_verified = is_so
+
+
+def test_a_refused_start_does_not_verify_a_condition() -> None:
+    with LocalCentral() as central:
+        server = TaskServer("rover", Rover(), tasks=TASKS, capacity=3, central=central)
+        with server.running(), Mission("rover", central=central) as mission:
+            mission.Watch()
+            until(lambda: bool(server.runs), "the first one runs")
+            mission.add_condition(ConditionIsCompleted(mission.Watch()))
+            with pytest.raises(MissionTaskFailed, match="1 tasks run in the background already"):
+                mission.Drive(fails="never")
+            mission.Drive(x=1.0)  # the condition was cleared
+
+
+def test_the_death_of_its_server_does_not_verify_a_condition() -> None:
+    with LocalCentral() as central, ExitStack() as server:
+        robot = Rover()
+
+        def dies() -> bool:
+            if robot.done:
+                server.close()
+            return False
+
+        server.enter_context(TaskServer("rover", robot, tasks=TASKS, central=central).running())
+        with Mission("rover", central=central) as mission:
+            mission.add_condition(ConditionIsCompleted(mission.Watch()))
+            mission.add_condition(When(dies))
+            with pytest.raises(MissionTaskFailed) as caught:
+                mission.Drive(fails="never")
+            assert caught.value.failure == "module lost"
+
+
+@pytest.mark.parametrize(
+    ("ends", "error"), [((), MissionTaskFailed), ((Status.TIMEOUT, Status.FAILED), ConditionVerified)]
+)
+def test_other_ends_verify_a_condition_by_choice(ends: tuple[Status, ...], error: type[Exception]) -> None:
+    with mission_of_rover() as (mission, robot):
+        mission.add_condition(ConditionIsCompleted(mission.Watch(task_timeout=0.02), ends=ends))
+        with pytest.raises(error):
+            mission.Drive(x=2.0, fails="never")
+        assert robot.done[-1] == "stands at 2"
 
 
 # --- stopping ----------------------------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from tca_wire.life_cycles import (
     read_life_cycle,
 )
 from tca_wire.messages.declarations import Command, Goal
-from tca_wire.vocabulary import Party
+from tca_wire.vocabulary import Outcome, Party
 
 CLIENT, SERVER, BOTH = Party.CLIENT, Party.SERVER, Party.BOTH
 ACCEPTED = Transition("accepted", "initiated", "running")
@@ -108,13 +108,15 @@ def test_what_a_server_may_say_to_what_a_client_asks() -> None:
 
 
 def test_an_end_has_the_name_that_the_table_gives_it() -> None:
-    assert GENERAL.ending("running", "done") == "completed"
-    assert GENERAL.ending("running", "cancelled", failed=True) == "failed"
-    assert GENERAL.ending("initiated", "done") == "already done"
-    assert GENERAL.ending("initiated", "cancelled", failed=True) == "rejected"
-    assert GENERAL.ending("cancel requested", "cancelled") == "aborted"
-    assert GENERAL.ending("cancel requested", "cancelled", failed=True) == "failed"
-    assert LifeCycle("own", [*BEGIN, Transition("over", "running", "done")]).ending("running", "cancelled") == "failed"
+    own = LifeCycle("own", [*BEGIN, Transition("over", "running", "done")])
+    assert GENERAL.ending("running", "done", Outcome.DONE) == "completed"
+    assert GENERAL.ending("running", "cancelled", Outcome.FAILED) == "failed"
+    assert GENERAL.ending("running", "cancelled", Outcome.KILLED) == "killed"
+    assert GENERAL.ending("initiated", "done", Outcome.DONE) == "already done"
+    assert GENERAL.ending("initiated", "cancelled", Outcome.FAILED) == "rejected"
+    assert GENERAL.ending("cancel requested", "cancelled", Outcome.KILLED) == "aborted"
+    assert GENERAL.ending("cancel requested", "cancelled", Outcome.FAILED) == "failed"
+    assert own.ending("running", "cancelled", Outcome.FAILED) == "failed"
 
 
 PAUSE = [Transition("pause", "running", "paused", CLIENT), Transition("resume", "paused", "running", CLIENT)]

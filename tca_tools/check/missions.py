@@ -1,0 +1,38 @@
+"""Tasks of missions: one that did not complete has failed or was killed, whatever its mission makes of that."""
+
+from tca_tools.check.records import MessageRecord
+from tca_tools.check.rules import MISSION
+from tca_tools.check.world import JournalWorld
+from tca_wire.errors import BadData
+from tca_wire.journal import facts
+from tca_wire.messages.formats import MISSION_TASK, decode_untyped
+from tca_wire.vocabulary import Outcome
+
+_COMPLETED = 132  # Status.COMPLETED | Status.TERMINATED, in the results of tasks
+
+
+def check_status(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> None:
+    """A handler has returned, that of a mission's task with a status."""
+    if fact.outcome is Outcome.DONE and not item.is_killed and _is_of_mission(world, item):
+        status = _status(fact.body)
+        if status != _COMPLETED:
+            world.broken(MISSION, item, f"has status {status}, and counts as done")
+
+
+def check_recovered(world: JournalWorld, task: MessageRecord) -> None:
+    """A failure of a task has been dealt with: the mission itself does not do that."""
+    handler = world.items.get(task.ended_handlers[0]) if task.ended_handlers else None
+    if handler is not None and handler.message.startswith("mission ") and _is_of_mission(world, task):
+        world.broken(MISSION, task, f"failed ({task.failure}), and counts as done, since {handler} dealt with that")
+
+
+def _is_of_mission(world: JournalWorld, item: MessageRecord) -> bool:
+    return MISSION_TASK in world.formats.get(item.message, "")
+
+
+def _status(body: bytes) -> object:
+    try:
+        result = decode_untyped(body)
+    except BadData:
+        return None
+    return result.get("status") if isinstance(result, dict) else None

@@ -1,0 +1,114 @@
+"""A task of a mission that did not complete has failed, or was killed, for everybody who looks."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import msgspec
+import pytest
+from missions.rover import rover
+from msgspec.structs import replace
+from tools.runs import checked
+
+from tca_missions import Environment, Mission, MissionTaskFailed, OnceTask, Status, TaskEnd, TaskServer
+from tca_module import Command, Failure, Module, Outcome, Task, connect
+from tca_module.testing import LocalCentral
+from tca_tools.check.rules import MISSION
+from tca_tools.run.fold import History
+from tca_tools.run.lives import life_of
+from tca_tools.run.records import TaskState
+from tca_wire.journal import facts
+
+FAILURES: list[dict[str, Any]] = [{"fails": "rock"}, {"fails": "never", "task_timeout": 0.02}, {"fails": "initialise"}]
+
+
+@contextmanager
+def mission_with_every_end() -> Iterator[tuple[LocalCentral, Mission]]:
+    """Three drives that fail, one that is stopped, one that completes."""
+    with rover() as (central, _), Mission("rover", name="test", central=central) as mission:
+        for parameters in FAILURES:
+            with pytest.raises(MissionTaskFailed):
+                mission.Drive(**parameters)
+        mission.stop_task(mission.start("Drive", fails="never"))
+        mission.Drive()
+        yield central, mission
+
+
+def test_failed_tasks_are_failed_for_clients_and_tools() -> None:
+    with mission_with_every_end() as (central, mission):
+        outcomes = [task.sent.wait(0) for task in mission.ended]
+    assert outcomes == [*[Outcome.FAILED] * 3, Outcome.KILLED, Outcome.DONE]
+    run = History.until(central.entries)
+    tasks = [task for task in run.tasks.values() if task.name == "rover.Drive"]
+    assert [task.state for task in tasks] == [*[TaskState.FAILED] * 3, TaskState.KILLED, TaskState.ACHIEVED]
+    assert [list(life_of(run, task))[-1].transition for task in tasks] == ["failed"] * 3 + ["killed", "completed"]
+    assert checked(central.entries) == []
+
+
+def test_failed_tasks_are_failed_for_observers() -> None:
+    with rover() as (central, _), connect("eye", central) as eye:
+        with eye.observe(eye.declared("rover.Drive")) as changes, Mission("rover", central=central) as mission:
+            for parameters in FAILURES:
+                with pytest.raises(MissionTaskFailed):
+                    mission.Drive(**parameters)
+            mission.stop_task(mission.start("Drive", fails="never"))
+            told = [(change.transition, change.state) for _, change in zip(range(12), changes, strict=False)]
+    assert told[2::3] == [("failed", "cancelled")] * 3 + [("killed", "cancelled")]
+
+
+def dealt_with(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
+    """The exception handler of the mission does not kill the task, and returns."""
+    told = [fact for fact in entry.facts if not (isinstance(fact, facts.Killed) and fact.task == failed.task)]
+    has_returned = any(isinstance(fact, facts.Returned) and fact.id == failed.handler for fact in told)
+    return [*told, facts.Recovered(failed.task)] if has_returned else told
+
+
+def completed(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
+    """Its handler returns a status that is not COMPLETED."""
+    end = msgspec.msgpack.encode(TaskEnd(Status.FAILED | Status.TERMINATED))
+    returned = [fact for fact in entry.facts if isinstance(fact, facts.Returned) and fact.id == failed.task]
+    return [replace(fact, outcome=Outcome.DONE, body=end) if fact in returned else fact for fact in entry.facts]
+
+
+@pytest.mark.parametrize("bend", [dealt_with, completed])
+def test_check_finds_a_failed_task_that_counts_as_done(bend: Callable[..., list[facts.Fact]]) -> None:
+    with mission_with_every_end() as (central, _):
+        pass
+    failed = next(fact for fact in central.facts if isinstance(fact, facts.Caught))
+    bent = [replace(entry, facts=bend(entry, failed)) for entry in central.entries]
+    found = [one.message for one in checked(bent) if one.rule == MISSION.text]
+    assert found == [failed.task]
+
+
+class Nap(OnceTask[Environment]):
+    def iterate(self) -> None:
+        self.sleep(1000.0)
+
+
+def test_a_task_that_runs_once_ends_at_its_timeout() -> None:
+    with LocalCentral() as central, TaskServer("bed", Environment(), [Nap], central=central).running():
+        with Mission("bed", central=central) as mission, pytest.raises(MissionTaskFailed) as caught:
+            mission.Nap(task_timeout=0.01)
+        assert Status.of(caught.value.status) is Status.TIMEOUT
+
+
+STEP, SLIPS = Command("step"), Failure("slips")
+
+
+class Walk(OnceTask[Environment]):
+    def iterate(self) -> None:
+        self.task.command(STEP)
+
+
+def test_a_task_fails_with_what_it_sent_and_did_not_wait_for() -> None:
+    legs = Module("legs")
+
+    @legs.handles(STEP)
+    def step(_: Task) -> None:
+        raise SLIPS(text="on ice")
+
+    with LocalCentral() as central, TaskServer("dog", Environment(), [Walk], central=central).running():
+        legs.central = central
+        with legs.running(), Mission("dog", central=central) as mission:
+            with pytest.raises(MissionTaskFailed, match=r"failed: in step \{\d+\}: on ice"):
+                mission.Walk()
