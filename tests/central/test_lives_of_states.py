@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from properties.life_of_states import LifeOfStates
 from properties.oracle_states import Reference
 
+from tca_wire.life_cycles import Effect
 from tca_wire.packets import headers
 from tca_wire.packets.parts import StateChange
-from tca_wire.vocabulary import Busy
+from tca_wire.vocabulary import Busy, Party
 
 
 class JudgedLife(LifeOfStates):
@@ -60,10 +61,13 @@ class JudgedLife(LifeOfStates):
                 assert end.is_over
                 assert end.serial == task.serial + 1
                 assert task.cycle.is_over(end.state)
+                is_kill = end.by is Party.CENTRAL
                 ways = [
-                    one.name for one in task.cycle.transitions if (one.source, one.target) == (task.state, end.state)
+                    one.name
+                    for one in task.cycle.transitions
+                    if (one.source, one.target) == (task.state, end.state) and (one.effect is Effect.STOP) is is_kill
                 ]
-                assert end.transition in (ways or ["completed", "failed"])
+                assert end.transition in (ways or (["killed"] if is_kill else ["completed", "failed"]))
             assert [(one.transition, one.state, one.serial) for one in told] == task.changes
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from functools import partial
 from math import inf, nan
 from pathlib import Path
@@ -157,7 +157,7 @@ def test_a_resumed_step_has_the_value_of_the_first_run(trip: Trip, function: Cal
 
 
 @pytest.mark.parametrize(
-    "function", [lambda: "\ud800", lambda: 2**64, lambda: (1, 2), lambda: {1, 2}, lambda: datetime.max, object]
+    "function", [lambda: "\ud800", lambda: 2**64, lambda: (1, 2), lambda: {1, 2}, lambda: date.max, object]
 )
 def test_a_value_that_would_change_is_refused(trip: Trip, function: Callable[[], Any]) -> None:
     for _ in range(2):  # it does not count as done, and is not uncertain either
