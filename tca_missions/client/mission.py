@@ -382,10 +382,11 @@ class BaseMission:
         return self._interruption is not None
 
     def _raise_verified(self, in_foreground: Sequence[TaskHandle] = ()) -> None:
-        if self._interruption is None and not self._is_verified():
-            return
+        if self._interruption is None:
+            self._is_verified()
         interruption, self._interruption = self._interruption, None
-        assert interruption is not None
+        if interruption is None:
+            return
         for task in in_foreground:  # it stops together with the tasks of the conditions, not after them
             task.stop("the mission was interrupted")
         self.clear_conditions()

@@ -134,11 +134,11 @@ def _done(name: str, value: Any, function: Callable[..., Any]) -> StepLine:
         kept = _value(line, function)
         is_same = kept == value or repr(kept) == repr(value)  # NaN is equal to nothing, but has one name
         why = "" if is_same else f"{value!r:.60} would come back as {kept!r:.60}"
-    except (TypeError, ValueError, OverflowError, RecursionError, msgspec.MsgspecError) as error:
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
         why = f"{error}"
     if why:
-        advice = "return plain data, and declare the type of what the function returns"
-        raise MisuseError(f"step '{name}' does not count as done: its value can't be kept ({why}): {advice}")
+        what = f"step '{name}' does not count as done: its value can't be kept ({why})"
+        raise MisuseError(f"{what}: return plain data, and declare its type")
     return line
 
 

@@ -1,5 +1,7 @@
 """Tasks of missions: one that did not complete has failed or was killed, whatever its mission makes of that."""
 
+from contextlib import suppress
+
 from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import MISSION
 from tca_tools.check.world import JournalWorld
@@ -31,8 +33,6 @@ def _is_of_mission(world: JournalWorld, item: MessageRecord) -> bool:
 
 
 def _status(body: bytes) -> object:
-    try:
-        result = decode_untyped(body)
-    except BadData:
-        return None
-    return result.get("status") if isinstance(result, dict) else None
+    with suppress(BadData, AttributeError):
+        return decode_untyped(body).get("status")
+    return None

@@ -20,40 +20,33 @@ from tca_tools.run.records import TaskState
 from tca_wire.journal import facts
 
 FAILURES: list[dict[str, Any]] = [{"fails": "rock"}, {"fails": "never", "task_timeout": 0.02}, {"fails": "initialise"}]
+Told = list[tuple[str, str]]
 
 
 @contextmanager
-def mission_with_every_end() -> Iterator[tuple[LocalCentral, Mission]]:
-    """Three drives that fail, one that is stopped, one that completes."""
-    with rover() as (central, _), Mission("rover", name="test", central=central) as mission:
-        for parameters in FAILURES:
-            with pytest.raises(MissionTaskFailed):
-                mission.Drive(**parameters)
-        mission.stop_task(mission.start("Drive", fails="never"))
-        mission.Drive()
-        yield central, mission
-
-
-def test_failed_tasks_are_failed_for_clients_and_tools() -> None:
-    with mission_with_every_end() as (central, mission):
-        outcomes = [task.sent.wait(0) for task in mission.ended]
-    assert outcomes == [*[Outcome.FAILED] * 3, Outcome.KILLED, Outcome.DONE]
-    run = History.until(central.entries)
-    tasks = [task for task in run.tasks.values() if task.name == "rover.Drive"]
-    assert [task.state for task in tasks] == [*[TaskState.FAILED] * 3, TaskState.KILLED, TaskState.ACHIEVED]
-    assert [list(life_of(run, task))[-1].transition for task in tasks] == ["failed"] * 3 + ["killed", "completed"]
-    assert checked(central.entries) == []
-
-
-def test_failed_tasks_are_failed_for_observers() -> None:
-    with rover() as (central, _), connect("eye", central) as eye:
-        with eye.observe(eye.declared("rover.Drive")) as changes, Mission("rover", central=central) as mission:
+def every_end() -> Iterator[tuple[LocalCentral, Mission, Told]]:
+    """Three drives that fail, one that is stopped, one that completes; and their ends, as an observer is told."""
+    with rover() as (central, _), connect("eye", central) as eye, Mission("rover", central=central) as mission:
+        with eye.observe(eye.declared("rover.Drive")) as changes:
             for parameters in FAILURES:
                 with pytest.raises(MissionTaskFailed):
                     mission.Drive(**parameters)
             mission.stop_task(mission.start("Drive", fails="never"))
-            told = [(change.transition, change.state) for _, change in zip(range(12), changes, strict=False)]
-    assert told[2::3] == [("failed", "cancelled")] * 3 + [("killed", "cancelled")]
+            mission.Drive()
+            told = [(change.transition, change.state) for _, change in zip(range(15), changes, strict=False)]
+        yield central, mission, told[2::3]
+
+
+def test_failed_tasks_are_failed_for_everybody() -> None:
+    with every_end() as (central, mission, told):
+        outcomes = [task.sent.wait(0) for task in mission.ended]
+    assert told == [("failed", "cancelled")] * 3 + [("killed", "cancelled"), ("completed", "done")]
+    assert outcomes == [*[Outcome.FAILED] * 3, Outcome.KILLED, Outcome.DONE]
+    run = History.until(central.entries)
+    tasks = [task for task in run.tasks.values() if task.name == "rover.Drive"]
+    assert [task.state for task in tasks] == [*[TaskState.FAILED] * 3, TaskState.KILLED, TaskState.ACHIEVED]
+    assert [(last.transition, last.state) for last in (list(life_of(run, task))[-1] for task in tasks)] == told
+    assert checked(central.entries) == []
 
 
 def dealt_with(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
@@ -72,7 +65,7 @@ def completed(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
 
 @pytest.mark.parametrize("bend", [dealt_with, completed])
 def test_check_finds_a_failed_task_that_counts_as_done(bend: Callable[..., list[facts.Fact]]) -> None:
-    with mission_with_every_end() as (central, _):
+    with every_end() as (central, *_):
         pass
     failed = next(fact for fact in central.facts if isinstance(fact, facts.Caught))
     bent = [replace(entry, facts=bend(entry, failed)) for entry in central.entries]
