@@ -73,19 +73,12 @@ def test_check_finds_a_failed_task_that_counts_as_done(bend: Callable[..., list[
     assert found == [failed.task]
 
 
+STEP, SLIPS = Command("step"), Failure("slips")
+
+
 class Nap(OnceTask[Environment]):
     def iterate(self) -> None:
         self.sleep(1000.0)
-
-
-def test_a_task_that_runs_once_ends_at_its_timeout() -> None:
-    with LocalCentral() as central, TaskServer("bed", Environment(), [Nap], central=central).running():
-        with Mission("bed", central=central) as mission, pytest.raises(MissionTaskFailed) as caught:
-            mission.Nap(task_timeout=0.01)
-        assert Status.of(caught.value.status) is Status.TIMEOUT
-
-
-STEP, SLIPS = Command("step"), Failure("slips")
 
 
 class Walk(OnceTask[Environment]):
@@ -93,15 +86,17 @@ class Walk(OnceTask[Environment]):
         self.task.command(STEP)
 
 
-def test_a_task_fails_with_what_it_sent_and_did_not_wait_for() -> None:
-    legs = Module("legs")
+def slip(_: Task) -> None:
+    raise SLIPS(text="on ice")
 
-    @legs.handles(STEP)
-    def step(_: Task) -> None:
-        raise SLIPS(text="on ice")
 
-    with LocalCentral() as central, TaskServer("dog", Environment(), [Walk], central=central).running():
-        legs.central = central
+@pytest.mark.parametrize(
+    ("task", "timeout", "text"), [("Nap", 0.01, r"timeout: it ran"), ("Walk", 0.0, r"failed: in step \{\d+\}: on ice")]
+)
+def test_a_task_fails_at_its_timeout_and_with_what_it_sent(task: str, timeout: float, text: str) -> None:
+    with LocalCentral() as central, TaskServer("dog", Environment(), [Nap, Walk], central=central).running():
+        legs = Module("legs", central)
+        legs.handles(STEP)(slip)
         with legs.running(), Mission("dog", central=central) as mission:
-            with pytest.raises(MissionTaskFailed, match=r"failed: in step \{\d+\}: on ice"):
-                mission.Walk()
+            with pytest.raises(MissionTaskFailed, match=text):
+                mission.run(task, task_timeout=timeout)
