@@ -242,20 +242,16 @@ def test_a_refused_start_does_not_verify_a_condition() -> None:
 
 
 def test_the_death_of_its_server_does_not_verify_a_condition() -> None:
-    with LocalCentral() as central, ExitStack() as server:
-        robot = Rover()
-
-        def dies() -> bool:
-            if robot.done:
-                server.close()
-            return False
-
-        server.enter_context(TaskServer("rover", robot, tasks=TASKS, central=central).running())
+    with LocalCentral() as central, ExitStack() as stack:
+        server = TaskServer("rover", Rover(), tasks=TASKS, central=central)
+        stack.enter_context(server.running())
         with Mission("rover", central=central) as mission:
-            mission.add_condition(ConditionIsCompleted(mission.Watch()))
-            mission.add_condition(When(dies))
+            condition = ConditionIsCompleted(mission.Watch())
+            until(lambda: bool(server.runs), "the watch runs")
+            stack.close()
+            until(lambda: condition.task.is_over, "it has ended")
             with pytest.raises(MissionTaskFailed) as caught:
-                mission.Drive(fails="never")
+                condition.is_verified()
             assert caught.value.failure == "module lost"
 
 
