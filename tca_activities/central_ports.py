@@ -54,5 +54,5 @@ def _send(callback: Callback, message: Any, value: Any, *, is_newest: bool) -> N
 
 
 def _check(message: Any, port: InputPort[Any] | OutputPort[Any]) -> None:
-    if message.data.kind is not port.type:
+    if message.data.kind != port.type:
         raise MisuseError(f"{message.title} has data of type {message.data}, and port {port!r}: declare the same")

@@ -12,9 +12,12 @@ class RequestError(Exception):
     """A module's request cannot be done. Raised before anything has changed, or after everything was undone."""
 
     def __init__(self, refusal: Refusal, text: str) -> None:
-        super().__init__(text)
+        super().__init__(refusal, text)
         self.refusal = refusal
         self.text = text
+
+    def __str__(self) -> str:
+        return self.text
 
 
 def check_name(kind: str, name: str, *, or_none: bool = False) -> None:

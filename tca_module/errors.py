@@ -23,6 +23,7 @@ import asyncio
 from typing import Any
 
 from tca_wire.errors import BadData as BadData  # noqa: PLC0414 - it belongs to them
+from tca_wire.errors import CopyableError
 from tca_wire.messages.declarations import D, Failure
 from tca_wire.messages.formats import decode_untyped
 from tca_wire.vocabulary import Refusal
@@ -31,7 +32,7 @@ ORDINARY = (Exception, SystemExit, asyncio.CancelledError)
 """Errors of users' functions that concern these alone; others, such as KeyboardInterrupt, end the module."""
 
 
-class TcaError(Exception):
+class TcaError(CopyableError):
     """The base of all errors of this package."""
 
 

@@ -1,4 +1,4 @@
-"""Errors of the shared language.
+"""Errors of the shared language, and the base of all errors that users may catch.
 
 WireError            do not raise or catch this one; it groups the others
 ├── ProtocolError    the peer sent bytes that are no legal message
@@ -9,7 +9,27 @@ WireError            do not raise or catch this one; it groups the others
 """
 
 
-class WireError(Exception):
+from typing import Any
+
+
+class CopyableError(Exception):
+    """An exception that can be copied and pickled, whatever its constructor takes."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        state = dict(self.__dict__)
+        if isinstance(self, SystemExit):
+            state["code"] = self.code  # which is in no dict
+        return _restored, (type(self), self.args), state
+
+
+def _restored(kind: type[BaseException], arguments: tuple[Any, ...]) -> BaseException:
+    """The exception without its attributes. Its constructor may take others than were given to its base's."""
+    error = kind.__new__(kind)
+    error.args = arguments
+    return error
+
+
+class WireError(CopyableError):
     """Base of all errors of this package."""
 
 

@@ -168,7 +168,7 @@ class FollowedTask(Generic[C]):
                 print(feel.force)
         """
         mirror, message = self._followed(), self._declared()
-        if kind is not None and isinstance(message, TaskMessage) and message.progress.kind is not kind:
+        if kind is not None and isinstance(message, TaskMessage) and message.progress.kind != kind:
             raise MisuseError(f"the intermediate results of {message.title} are {message.progress}, not {kind!r:.60}")
         what = f"an intermediate result of {self._in_words}"
         mirror.observation.catch_up()

@@ -63,6 +63,10 @@ class Connection:
         self._owner, self._owner_name = threading.get_ident(), threading.current_thread().name
         self.log = logging.getLogger(f"tca.{session.module}")
 
+    def __reduce__(self) -> Any:
+        what = f"what uses the connection of '{self.session.module}' can't be pickled or copied"
+        raise MisuseError(f"{what}: send a task's id, and use connect().task(id) where it arrives")
+
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
         """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped*."""
         session = self.session

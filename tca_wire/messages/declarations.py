@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Generic, TypeVar, overload
 
 import msgspec
 
-from tca_wire.errors import BadData, BadFormat
+from tca_wire.errors import BadData, BadFormat, CopyableError
 from tca_wire.life_cycles import GENERAL, LifeCycle
 from tca_wire.messages.declaring import Declaring
 from tca_wire.messages.fitting import first_misfit
@@ -290,7 +290,7 @@ class Failure(Generic[D], metaclass=Declaring):
             raise BadData(msg) from None
 
 
-class FailureRaised(Exception):
+class FailureRaised(CopyableError):
     """A failure on its way from a handler to its task."""
 
     def __init__(self, name: str, text: str, body: bytes, kinds: Sequence[str] = ()) -> None:

@@ -47,6 +47,9 @@ class Format(Generic[T]):
         self._certain = kind if kind in _CERTAIN else None
         self._has_fields = '"properties"' in self.schema or '"prefixItems"' in self.schema
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Format, (self.kind,)
+
     def __str__(self) -> str:
         return "None" if self.kind is type(None) else getattr(self.kind, "__name__", None) or str(self.kind)
 
