@@ -63,7 +63,9 @@ class Client(Sender):
         """
         link = self._link
         _open.discard(self)
-        if link is not None:
+        if link is not None and link.is_inherited:
+            self._link = None  # the process that opened it says goodbye
+        elif link is not None:
             try:
                 link.close(self._linger)  # it may call functions, which send with this
             finally:

@@ -217,6 +217,8 @@ class Module(Sender):
         named = resource or CALLBACKS
         if self._link is None:
             self._resources.setdefault(named, 1)
+        else:
+            self._link.check_process()
         return self._slots.callbacks(named)
 
     def _check_not_running(self, call: str) -> None:
@@ -339,11 +341,13 @@ class Module(Sender):
 
     def _leave(self, why: BaseException | None = None) -> list[BaseException]:
         """Take nothing new, finish what runs, say goodbye; the errors that ended the module early."""
+        link = self._link
+        assert link is not None
+        if link.is_inherited:
+            return []  # the process that began says goodbye
         if self._keep_alive is not None:
             self._keep_alive.end()
         self._stop.set()
-        link = self._link
-        assert link is not None
         link.leave()
         errors = self._slots.close(why)
         is_in_vain = any(isinstance(error, NotSent) for error in errors)

@@ -62,7 +62,7 @@ class LocalCentral:
         self.core = Central(epoch)
         self._began = time.monotonic()
         self._stepped_to = 0.0
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # a LaterReply may be dropped, and so collected, at any instruction
         self._numbers = itertools.count(1)
         self._connections: dict[ConnectionId, LocalTransport] = {}
         self._is_closed = False
@@ -265,7 +265,7 @@ class LocalCentral:
 class LocalTransport:
     """One connection to a LocalCentral."""
 
-    def __init__(self, central: LocalCentral, connection: ConnectionId, lock: threading.Lock) -> None:
+    def __init__(self, central: LocalCentral, connection: ConnectionId, lock: threading.RLock) -> None:
         self.id = connection
         self.serves = ""  #: the module whose messages its thread handles; "": it only sends
         self.is_paused = False  #: its thread waits

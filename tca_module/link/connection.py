@@ -16,6 +16,7 @@ from tca_module.checks import TIMEOUT, check, check_message
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped, Timeout
 from tca_module.link.arrivals import Arrivals
+from tca_module.link.one_process import OfOneProcess
 from tca_module.link.packet_line import SEND_WAIT, STEP, PacketLine
 from tca_module.link.turns import Turns
 from tca_module.link.wait_loop import WaitLoop
@@ -41,13 +42,14 @@ MOST_UNTOLD = 100  # tasks sent of which central has said nothing yet: it rememb
 SEND_WITH_YOUR_OWN = "a handler sends with its task, other threads with a client of their own: connect()"
 
 
-class Connection:
+class Connection(OfOneProcess):
     """One connection to central."""
 
     def __init__(
         self, transport: Transport, session: Session, *, patience: float = PATIENCE,
         direct: DirectMessages | None = None, clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
+        super().__init__()
         self.session = session
         self.transport = transport
         self.direct = direct or DirectMessages(session)  #: messages sent without central
@@ -62,10 +64,6 @@ class Connection:
         self._declared: dict[str, Message[Any, Any]] = {}
         self._owner, self._owner_name = threading.get_ident(), threading.current_thread().name
         self.log = logging.getLogger(f"tca.{session.module}")
-
-    def __reduce__(self) -> Any:
-        what = f"what uses the connection of '{self.session.module}' can't be pickled or copied"
-        raise MisuseError(f"{what}: send a task's id, and use connect().task(id) where it arrives")
 
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
         """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped*."""
@@ -519,8 +517,19 @@ class Connection:
 
     def call_soon(self, function: Callable[[], None]) -> None:
         """Have the thread of this connection call a function in its present or next wait; from any thread."""
+        self.check_process()
         self.session.news.append(function)
         self.transport.wake()
+
+    def wake(self) -> None:
+        """Have the thread of this connection look again at what it waits for; from any thread."""
+        self.check_process()
+        self.transport.wake()
+
+    def hear_threads(self) -> None:
+        """Do what other threads have asked for with ``call_soon``."""
+        while self.session.news:
+            self.session.news.popleft()()
 
     def give_back(self) -> None:
         """Give back to central the messages that have not begun, and that only this slot has."""
@@ -544,6 +553,7 @@ class Connection:
         what is *used*, why its thread *owns* it, and the remedy.
         """
         if threading.get_ident() != self._owner:
+            self.check_process()
             what = used or f"a connection of module '{self.session.module}'"
             where = f"is used in thread '{threading.current_thread().name}'"
             raise MisuseError(f"{what} {where}, but belongs to thread '{self._owner_name}', which {owns}: {remedy}")

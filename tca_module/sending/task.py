@@ -145,7 +145,7 @@ class Task(Sender, SteerableTask, HandledTask):
 
     def wake(self) -> None:
         """Have ``wait_until()`` look again; from any thread, at any time."""
-        self._wakes.transport.wake()
+        self._wakes.wake()
 
     def shielded(self) -> AbstractContextManager[None]:
         """A block whose waits no kill and no end of the module cuts short: for what must be done to leave things safe.
@@ -195,7 +195,7 @@ class Task(Sender, SteerableTask, HandledTask):
 
     def returned(self) -> None:
         """The handler has returned: this sends nothing more."""
-        self._link = None
+        self._link = self.later = None
 
     def _connection(self) -> Connection:
         connection = self._own_connection()

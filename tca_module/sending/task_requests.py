@@ -69,6 +69,7 @@ class ServerState:
         self.life_cycle = cycle = life_cycle_of(message)
         self._state = cycle.initial if accepts else cycle.accepted.target
         self.is_conversing = False  #: a Server has methods for requests: no wait gives them
+        self.on_stop: Callable[[], Callable[[], object] | None] = lambda: None  #: refers to what hears of the stop
         self._is_begun_by_refusal = False
         self._serial = 0  # the newest that a client's transition had
         self._open: list[TaskRequest] = []  # oldest first
@@ -266,6 +267,8 @@ class ServerState:
             send()
         else:
             self._connection.call_soon(partial(self._send_late, send))
+        if row.effect is Effect.STOP and (stopped := self.on_stop()) is not None:
+            stopped()
 
     def _send_late(self, send: Callable[[], object]) -> None:
         """Another thread wants it."""

@@ -137,8 +137,6 @@ class Conversation:
             task.returned()
         if is_granted:
             request.accept()
-            if self._served.is_over and self._task.later is not None:
-                self._task.later.is_owed_no_more()
         elif self._served.can_reject:
             request.reject(why)
         else:

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
+from weakref import WeakSet
 
 from tca_module.errors import MisuseError, NotSent, Stopped
 from tca_module.link.connection import Connection
@@ -52,7 +53,7 @@ class Slot:
         self.opened = threading.Event()  #: messages are handled, or *error* says why not
         self._connection: Connection | None = None
         self._loop: EventLoop | None = None  #: made when it is first needed
-        self._owed: list[LaterReply[Any]] = []  #: answers that handlers left to others
+        self._owed = WeakSet[LaterReply[Any]]()  #: answers that handlers left to others, who alone keep them
         self._log = logging.getLogger(f"tca.{hello.module}")
         self._thread = threading.Thread(target=self._run, name=f"{hello.resource} {hello.connection}", daemon=True)
         self._thread.start()
@@ -121,9 +122,8 @@ class Slot:
 
     def _say_goodbye(self, connection: Connection, error: BaseException | None = None) -> None:
         connection.give_back()
-        while connection.session.news:  # answers of others, perhaps
-            connection.session.news.popleft()()
-        for later in self._owed:
+        connection.hear_threads()
+        for later in list(self._owed):
             later.module_ends()
         if error is not None:
             for delivery in connection.session.open_deliveries.begun:
@@ -195,12 +195,14 @@ class Slot:
     def _end(self, handler: Handler, task: Task, answer: Answer) -> None:
         """A handler has returned: tell central, or see that somebody will."""
         assert self._connection is not None
+        if task.later is not None and not isinstance(answer, LaterReply):
+            self._connection.hear_threads()  # before the failure
         task.returned()
         if self.is_replaced:
             self._log.warning("handler %s has returned after all: another thread has its place", handler.name)
             return
         if isinstance(answer, LaterReply):
-            self._owed = [*(later for later in self._owed if later.is_open), answer]
+            self._owed.add(answer)
             answer.returned()
             return
         header, body = answer

@@ -21,6 +21,9 @@ DEADLOCK = "deadlock"
 REJECTED = "rejected"
 """A handler did not accept a task, or had no time for it."""
 
+FORGOTTEN = "forgotten"
+"""The LaterReply of a handler was dropped without an answer: a kind of "handler error"."""
+
 LOCK_LOST = "lock lost"
 """A lock or reservation was taken away from a task that still counted on it."""
 

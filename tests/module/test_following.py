@@ -187,6 +187,13 @@ def test_progress_is_iterated_over(user: Client, arm: Module) -> None:
         grasp.progress(float)
 
 
+def test_progress_is_of_the_declared_type_when_that_has_parts(user: Client, legs: Module) -> None:
+    count = Command("count", progress=list[int])
+    legs.handles(count)(lambda task: task.report([1, 2]))
+    with legs.running():
+        assert next(user.command(count).progress(list[int], timeout=SOON)) == [1, 2]
+
+
 def test_a_function_is_called_with_each_change(user: Client, arm: Module, central: LocalCentral) -> None:
     seen: list[str] = []
     wave = user.command(WAVE, 1, delay=5)
