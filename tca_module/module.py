@@ -333,7 +333,10 @@ class Module(Sender):
         def open_slot(number: int, resource: str, callbacks: Callbacks) -> Slot:
             greeting = hello(self.name, number, resource, incarnation, self._hung_after.get(resource, 0.0))
             stop, linger = self._stop, self._linger
-            return Slot(self.central, greeting, patience, self._handlers, callbacks, stop, attachments, linger)
+            slot = Slot(self.central, greeting, patience, self._handlers, callbacks, stop, attachments, linger)
+            if getattr(self.central, "is_stepped", False):
+                slot.opened.wait()  # central takes the first free slot: a test wants the same one each time
+            return slot
 
         self._resources.setdefault(CALLBACKS, 1)  # after() may have been called while required messages were awaited
         used = {handler.resource for handler in self._handlers.values()} | self._slots.with_callbacks

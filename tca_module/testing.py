@@ -49,8 +49,9 @@ class LocalCentral:
     """The core of central, used from any thread.
 
     With *stepped* its clock stands still but in ``advance``, and of all handlers one runs at a time, from one wait for
-    central to the next: so the same test has the same transcript. With that clock pass delays, deadlines, periods,
-    durations, times that locks wait, ``every`` and ``after``; ``timeout=`` of other waits takes real seconds.
+    central to the next. What is due at one moment runs in the order in which modules began, then as their resources
+    were declared: so the same test has the same transcript. With that clock pass delays, deadlines, periods, durations,
+    times that locks wait, ``every``, ``after`` and the sleeps of tasks; ``timeout=`` of other waits takes real seconds.
     """
 
     def __init__(self, epoch: str = "local", *, check: bool = False, stepped: bool = False) -> None:
@@ -65,6 +66,7 @@ class LocalCentral:
         self._lock = threading.RLock()  # a LaterReply may be dropped, and so collected, at any instruction
         self._numbers = itertools.count(1)
         self._connections: dict[ConnectionId, LocalTransport] = {}
+        self._modules: dict[str, int] = {}  #: by name, in the order in which they began
         self._is_closed = False
         self._due = threading.Condition(self._lock)
         self._quiet = threading.Condition(self._lock)
@@ -155,7 +157,7 @@ class LocalCentral:
         slots = [one for one in self._connections.values() if one.serves] if self.is_stepped else []
         waiting = [one for one in slots if one.is_paused and not one.is_idle]
         if waiting and not any(one.has_turn and not one.is_overtime for one in slots):
-            min(waiting, key=lambda one: one.packets[0][0] if one.packets else 0).call()
+            min(waiting, key=lambda one: (one.packets[0][0] if one.packets else 0, one.rank)).call()
         self._quiet.notify_all()
 
     # --- what happened ---------------------------------------------------------------------------------------------
@@ -218,8 +220,9 @@ class LocalCentral:
             if self._is_closed:
                 return False
             for header, body in unpack_to_central(packet):
-                if isinstance(header, Hello) and header.connection and (known := self._connections.get(connection)):
-                    known.serves = header.module
+                if isinstance(header, Hello) and (known := self._connections.get(connection)):
+                    known.rank = self._modules.setdefault(header.module, len(self._modules)), header.connection
+                    known.serves = header.module if header.connection else ""
                 self._handle(RequestReceived(self.now(), connection, header, body))
             return True
 
@@ -268,6 +271,7 @@ class LocalTransport:
     def __init__(self, central: LocalCentral, connection: ConnectionId, lock: threading.RLock) -> None:
         self.id = connection
         self.serves = ""  #: the module whose messages its thread handles; "": it only sends
+        self.rank = 0, 0  #: its module's place and its slot's, both as declared: the order at one moment
         self.is_paused = False  #: its thread waits
         self.has_turn = False  #: its thread was called, and has not paused since
         self._since = time.monotonic()  #: its thread runs
@@ -348,10 +352,12 @@ class LocalTransport:
     def seconds_until(self, moment: float) -> float:
         """The real seconds to wait for a moment of that clock: for ever, if the test steps it."""
         seconds = moment - self._central.now()
-        if not self._central.is_stepped or seconds <= 0:
+        if not self._central.is_stepped:
             return seconds
         with self._lock:
-            self.due = moment
+            if seconds <= 0 and self._central.may_take(self):
+                return seconds
+            self.due = min(self.due, moment)
         return math.inf
 
     @contextmanager

@@ -9,7 +9,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Awaitable, Callable, Generator, Iterable
 from typing import Any
 
 from tca_module.checks import TIMEOUT, check, check_message
@@ -55,6 +55,7 @@ class Connection(OfOneProcess):
         self.direct = direct or DirectMessages(session)  #: messages sent without central
         self.root_sender: Any = None  #: the Sender with which callbacks send
         self.await_news: Callable[[Request], Generator[Any, None, None]] | None = None  #: in asyncio
+        self.await_moment: Callable[[float], Awaitable[None]] | None = None  #: of the transport's clock; in asyncio
         self.now = clock  #: seconds; it never jumps
         self.line = PacketLine(session, transport, self.direct, clock)
         self._lock = threading.RLock()  # against threads that only keep the connection alive, and send what is late

@@ -34,14 +34,15 @@ class Task(Sender, SteerableTask, HandledTask):
     """
 
     def __init__(
-        self, connection: Connection, delivery: Deliver, message: Message[Any, Any], *, accepts: bool = False
-    ) -> None:
-        """*accepts*: the handler says itself when it accepts the task."""
+        self, connection: Connection, delivery: Deliver, message: Message[Any, Any], *, accepts: bool = False,
+        is_async: bool = False,
+    ) -> None:  # fmt: skip
+        """*accepts*: the handler says itself when it accepts the task; *is_async*: it is a coroutine function."""
         self._link: Connection | None = connection
         self._wakes: Connection = connection  # also when the handler has returned
         self._message = message
         self._delivery = delivery
-        self._accepts = accepts
+        self._accepts, self._is_async = accepts, is_async
         self._what = numbered(message.name, delivery.task) if delivery.task else f"'{message.name}'"
         epoch = connection.session.epoch
         task_id = with_epoch(delivery.task, epoch, self._what)
@@ -121,16 +122,24 @@ class Task(Sender, SteerableTask, HandledTask):
         """The seconds of the clock by which handlers sleep, also if a restarted central has forgotten the task."""
         return self._own_connection().transport.time()
 
-    def sleep(self, seconds: float) -> None:
-        """Let so many seconds pass. Raises TaskKilled or Stopped as soon as the task is killed or the module ends."""
-        check(f"sleep() of {self}", checks.SECONDS, seconds=seconds)
-        self.sleep_until(self.time() + seconds)
+    def sleep(self, seconds: float) -> Any:
+        """Let so many seconds pass. Raises TaskKilled or Stopped as soon as the task is killed or the module ends.
 
-    def sleep_until(self, moment: float) -> None:
+        In an async handler ``await task.sleep(2)``: its event loop turns, and a kill or the module's end raises
+        CancelledError.
+        """
+        check(f"sleep() of {self}", checks.SECONDS, seconds=seconds)
+        return self.sleep_until(self.time() + seconds)
+
+    def sleep_until(self, moment: float) -> Any:
         """Let time pass until that moment of ``time()``: without drift, what a loop does meanwhile counts. Otherwise
         like ``sleep``.
         """
-        self._own_connection().wait_until(lambda: False, f"the sleep of {self}", moment)
+        connection = self._own_connection()
+        if self._is_async and connection.await_moment is not None:
+            return connection.await_moment(moment)
+        connection.wait_until(lambda: False, f"the sleep of {self}", moment)
+        return None
 
     def wait_until(self, is_over: Callable[[], bool], timeout: float | None = None) -> bool:
         """Wait until *is_over*, at most *timeout* seconds of ``time()``; whether it is. Otherwise like ``sleep``.

@@ -5,15 +5,17 @@ not turn while a plain handler or a callback runs.
 """
 
 import asyncio
+import math
 import selectors
 from collections.abc import Callable, Collection, Coroutine, Generator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from typing import Any, TypeVar
 
 from tca_module.link.connection import Connection
 from tca_module.link.packet_line import STALL, STEP
 from tca_module.serving.coroutine_waits import CoroutineWaits
+from tca_module.serving.sleeps import Sleeps
 from tca_module.session.open_deliveries import OpenDelivery
 from tca_module.session.request import Request
 from tca_module.session.session import quiet_within
@@ -38,14 +40,15 @@ class EventLoop:
         self._is_flushing = False  #: something is to be sent when all who can go on now have done so
         self._fatal: BaseException | None = None  #: an exception of a handler that is to end the module
         files = (connection.transport.fileno(), connection.transport.waker().fileno())
-        selector = _Selector(files[0], self._has_news, connection.transport.pausing)
+        sleeps = Sleeps(connection.transport)
+        selector = _Selector(files[0], self._has_news, connection.transport.pausing, sleeps)
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
         self._loop = self._runner.get_loop()
         self._awaiting = CoroutineWaits(self._loop, connection, partial(self._beat_in, STEP))
         for file in files:
             self._loop.add_reader(file, self._on_news)
         self._since = self._turned = self._loop.time()
-        connection.await_news = self._await_news
+        connection.await_news, connection.await_moment = self._await_news, sleeps.until
 
     @property
     def is_running(self) -> bool:
@@ -107,7 +110,7 @@ class EventLoop:
         self._loop.call_soon(self._loop.stop)  # if an error stopped it, a stop of its last run may be left over
         self._loop.run_forever()
         self._runner.close()
-        self._connection.await_news = None
+        self._connection.await_news = self._connection.await_moment = None
 
     def _has_news(self) -> bool:
         """Whether there is something to do that no file tells of: a blocking call may have read it."""
@@ -194,18 +197,22 @@ class _Selector(selectors.DefaultSelector):
     """A selector that does not wait while there is other news, and then reports *file* as readable."""
 
     def __init__(
-        self, file: int, has_news: Callable[[], bool], pausing: Callable[[], AbstractContextManager[Any]]
-    ) -> None:
+        self, file: int, has_news: Callable[[], bool], pausing: Callable[[], AbstractContextManager[Any]],
+        sleeps: Sleeps,
+    ) -> None:  # fmt: skip
         super().__init__()
+        self._sleeps = sleeps
         self._file = file
         self._has_news = has_news
         self._pausing = pausing
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         """The files that are ready."""
-        if not self._has_news():
-            if timeout is not None and timeout <= 0:
-                return super().select(timeout)
-            with self._pausing():
-                return super().select(timeout)
-        return [*super().select(0), (self.get_key(self._file), selectors.EVENT_READ)]
+        if self._has_news():
+            ready = [*super().select(0), (self.get_key(self._file), selectors.EVENT_READ)]
+        else:
+            seconds = min(math.inf if timeout is None else timeout, self._sleeps.seconds())
+            with self._pausing() if seconds > 0 else nullcontext():
+                ready = super().select(None if seconds == math.inf else seconds)
+        self._sleeps.wake()
+        return ready

@@ -80,7 +80,7 @@ class Handler:
 
     def task(self, connection: Connection, delivery: Deliver) -> Task:
         """A message to be handled."""
-        return Task(connection, delivery, self.message, accepts=self.format.accepts)
+        return Task(connection, delivery, self.message, accepts=self.format.accepts, is_async=self.is_async)
 
     def handle(self, task: Task, body: bytes) -> Answer:
         """Call the function; the answer for central, or who will give it. Raises what ends the module."""
