@@ -335,7 +335,7 @@ class Module(Sender):
             stop, linger = self._stop, self._linger
             slot = Slot(self.central, greeting, patience, self._handlers, callbacks, stop, attachments, linger)
             if getattr(self.central, "is_stepped", False):
-                slot.opened.wait()  # central takes the first free slot: a test wants the same one each time
+                slot.opened.wait()  # in the declared order: so the same test has the same transcript
             return slot
 
         self._resources.setdefault(CALLBACKS, 1)  # after() may have been called while required messages were awaited

@@ -65,8 +65,7 @@ class LocalCentral:
         self._stepped_to = 0.0
         self._lock = threading.RLock()  # a LaterReply may be dropped, and so collected, at any instruction
         self._numbers = itertools.count(1)
-        self._connections: dict[ConnectionId, LocalTransport] = {}
-        self._modules: dict[str, int] = {}  #: by name, in the order in which they began
+        self._connections: dict[ConnectionId, LocalTransport] = {}  #: on a stepped clock as declared: see Module
         self._is_closed = False
         self._due = threading.Condition(self._lock)
         self._quiet = threading.Condition(self._lock)
@@ -157,7 +156,7 @@ class LocalCentral:
         slots = [one for one in self._connections.values() if one.serves] if self.is_stepped else []
         waiting = [one for one in slots if one.is_paused and not one.is_idle]
         if waiting and not any(one.has_turn and not one.is_overtime for one in slots):
-            min(waiting, key=lambda one: (one.packets[0][0] if one.packets else 0, one.rank)).call()
+            min(waiting, key=lambda one: one.packets[0][0] if one.packets else 0).call()  # of equals, the first
         self._quiet.notify_all()
 
     # --- what happened ---------------------------------------------------------------------------------------------
@@ -220,9 +219,8 @@ class LocalCentral:
             if self._is_closed:
                 return False
             for header, body in unpack_to_central(packet):
-                if isinstance(header, Hello) and (known := self._connections.get(connection)):
-                    known.rank = self._modules.setdefault(header.module, len(self._modules)), header.connection
-                    known.serves = header.module if header.connection else ""
+                if isinstance(header, Hello) and header.connection and (known := self._connections.get(connection)):
+                    known.serves = header.module
                 self._handle(RequestReceived(self.now(), connection, header, body))
             return True
 
@@ -271,7 +269,6 @@ class LocalTransport:
     def __init__(self, central: LocalCentral, connection: ConnectionId, lock: threading.RLock) -> None:
         self.id = connection
         self.serves = ""  #: the module whose messages its thread handles; "": it only sends
-        self.rank = 0, 0  #: its module's place and its slot's, both as declared: the order at one moment
         self.is_paused = False  #: its thread waits
         self.has_turn = False  #: its thread was called, and has not paused since
         self._since = time.monotonic()  #: its thread runs
