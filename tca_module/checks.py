@@ -61,7 +61,8 @@ def check(call: object, kind: ArgumentKind, **values: Any) -> None:
     """Raise MisuseError for the first of these named values that is of another kind."""
     for name, value in values.items():
         if not kind.fits(value):
-            raise MisuseError(f"{call}: {name} must be {kind.words}, not {value!r:.60}")
+            advice = f": give {name}.item()" if type(value).__module__ == "numpy" and hasattr(value, "item") else ""
+            raise MisuseError(f"{call}: {name} must be {kind.words}, not {value!r:.60}{advice}")
 
 
 def check_options(what: str, options: Mapping[str, Any], kinds: Mapping[str, ArgumentKind]) -> None:
@@ -163,7 +164,7 @@ def is_brief(call: object, timeout: float | None) -> bool:
     if timeout is None or (type(timeout) is float and timeout >= BRIEF):  # as most are
         return False
     check(call, TIMEOUT, timeout=timeout)
-    return timeout < BRIEF
+    return bool(timeout < BRIEF)  # numpy's floats, which are Python's too, compare to bools of their own
 
 
 # --- messages --------------------------------------------------------------------------------------------------------

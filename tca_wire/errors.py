@@ -8,7 +8,6 @@ WireError            do not raise or catch this one; it groups the others
 └── JournalDamaged   a journal is not one, comes from an earlier version, or is damaged before its tail
 """
 
-
 from typing import Any
 
 

@@ -10,6 +10,7 @@ from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Aborted, Misfit, failed, handler_error
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.task import Task
+from tca_module.serving.annotations import check_annotation
 from tca_module.session.open_deliveries import task_is_killed
 from tca_wire.errors import BadData
 from tca_wire.messages.declarations import D, Message, R
@@ -77,6 +78,8 @@ class Handler:
         wanted, possible = (f"(task, data: {message.data})", (2,)) if has_data else ("(task)", (1, 2))
         what = f"a handler of {message.title}"
         self._arguments = check_function(what, function, wanted, possible, may_be_async=True)
+        if has_data:
+            check_annotation(self.name, function, message)
 
     def task(self, connection: Connection, delivery: Deliver) -> Task:
         """A message to be handled."""

@@ -51,7 +51,7 @@ class Format(Generic[T]):
         return Format, (self.kind,)
 
     def __str__(self) -> str:
-        return "None" if self.kind is type(None) else getattr(self.kind, "__name__", None) or str(self.kind)
+        return type_name(self.kind)
 
     def encode(self, value: T) -> bytes:
         """*value* as bytes. Raises BadData, naming the field, if the receiver could not read it."""
@@ -75,6 +75,12 @@ class Format(Generic[T]):
         except _UNFIT as error:
             raise BadData(f"{error}") from None
         return value
+
+
+def type_name(kind: Any) -> str:
+    """A type as it is written."""
+    name = "None" if kind is type(None) else getattr(kind, "__name__", "")
+    return name if name and not get_args(kind) else str(kind)
 
 
 def decode_untyped(data: bytes) -> Any:

@@ -23,10 +23,12 @@ _COPIED = 4096  # bytes of a body that is dearer to keep apart than to copy
 _SHORT = 96  # bytes of an item, or of a header, that is too short to have many parts
 
 
-def plain(value: Any) -> int:
+def plain(value: Any) -> float:
     """A number of a type of its own, as programs have them, goes as a plain one: the one it has *on the wire*."""
     if isinstance(value, int):
         return getattr(value, "on_wire", None) or int(value)
+    if isinstance(value, float):
+        return float(value)
     msg = f"Encoding objects of type {type(value).__name__} is unsupported"
     raise TypeError(msg)
 

@@ -210,7 +210,7 @@ MISUSES: dict[Callable[[Coordination], object], str] = {
     lambda _: Do(Inform("told")): "Do wants a command or a goal, not Inform('told', None -> None)",  # type: ignore[arg-type]
     lambda _: Do(MOVE, 7): "command 'move' wants data of type str: Expected `str`, got `int`",
     lambda _: Activity(): "an activity needs a task, such as Do(MOVE, data, agent); a state that only waits needs none",
-    lambda _: Activity(Do(LOOK)): "command 'look' reports list: give Activity(..., progress=...), a function that makes a number of it",
+    lambda _: Activity(Do(LOOK)): "command 'look' reports list[float]: give Activity(..., progress=...), a function that makes a number of it",
     lambda _: move(cost="high"): "Activity(move \"B\"): cost must be a number, 0 or more, or a function, not 'high'",
     lambda _: move(cost=-1.0): 'Activity(move "B"): cost must be a number, 0 or more, or a function, not -1.0',
     lambda _: move(cost=float("nan")): 'Activity(move "B"): cost must be a number, 0 or more, or a function, not nan',

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from module.real_central import SOON
 
@@ -59,6 +60,9 @@ class Printed:
     """What has no format."""
 
 
+def wrong_data(_task: Task, _distance: list[int]) -> None: ...
+
+
 def two(_first: Any, _second: Any) -> None: ...
 
 
@@ -72,6 +76,7 @@ CALLS: list[Call] = [
     lambda user, _task, _: user.command(REST, planfirst=True),
     lambda user, _task, _: user.goal(WALK, 1.0, plan_first=1),
     lambda user, _task, _: user.command(REST, deadline=0),
+    lambda user, _task, _: user.command(REST, deadline=np.int64(5)),
     lambda user, _task, _: user.command(REST, priority=2.5),
     lambda user, task, _: user.command(REST, constraints=task.achieving.end <= this.achieving.start),
     lambda user, _task, _: user.command(REST, on_failure=[(SLIPPED, SHRUG)]),
@@ -113,6 +118,7 @@ CALLS: list[Call] = [
     lambda _user, _, legs: legs.handles(POLL)(two),
     lambda _user, _, legs: legs.handles(REST)(5),
     lambda _user, _, legs: legs.handles(WALK)(lambda _: None),
+    lambda _user, _, legs: legs.handles(WALK)(wrong_data),
     lambda _user, _, legs: legs.handles(SAY, pending=0)(two),
     lambda _user, _, legs: legs.handles(HEAT, pending=2)(two),
     lambda _user, _, legs: legs.handles(WALK, direct=True)(two),
@@ -505,3 +511,15 @@ def test_what_users_write_names_itself_and_the_argument(kind: Any) -> None:
     if kind is not LocalCentral:
         with pytest.raises(TypeError, match=rf"^{kind.__name__}(\.__init__)?\(\):? missing .*: '"):
             kind()
+
+
+def test_floats_of_numpy_are_seconds(user: Client, legs: Module) -> None:
+    """They are floats of Python, too, but msgspec takes them for something else."""
+    legs.handles(REST)(lambda _: None)
+    legs.handles(WHERE)(lambda _: 1.0)
+    one = np.float64(1)
+    with legs.running():
+        assert user.query(WHERE, timeout=one / 2) == 1.0
+        rest = user.command(REST, deadline=one * SOON, delay=one / 100)
+        assert rest.wait(np.float64(SOON))
+        user.lock("legs", timeout=one).release()

@@ -1,0 +1,57 @@
+"""The annotation of a handler's data, beside the type that its message declares."""
+
+import inspect
+from collections.abc import Callable
+from types import UnionType
+from typing import Annotated, Any, Literal, NewType, Union, get_args, get_origin, get_type_hints
+
+from tca_module.errors import MisuseError
+from tca_wire.messages.declarations import Message
+from tca_wire.messages.formats import type_name
+
+
+def check_annotation(name: str, function: Callable[..., Any], message: Message[Any, Any]) -> None:
+    """Raise MisuseError if a handler's data are annotated with a type that they never have. What can't be told, such as
+    a type that is imported for type checkers only, passes.
+    """
+    try:
+        parameter = list(inspect.signature(function).parameters)[1]
+        called: Any = function if inspect.isroutine(function) else type(function).__call__
+        hint = get_type_hints(called)[parameter]
+    except Exception:  # noqa: BLE001 - annotations may be anything, and need not be there
+        return
+    if not _may_be(message.data.kind, hint):
+        wrong = f"{name} takes {parameter}: {type_name(hint)}, and {message.title} has data of type {message.data}"
+        raise MisuseError(f"{wrong}: annotate {parameter} with that")
+
+
+def _may_be(kind: Any, hint: Any) -> bool:
+    """Whether a value of type *kind* may be one of type *hint*: False only where that is certain."""
+    kind, hint = _plain(kind), _plain(hint)
+    if kind == hint or kind in (Any, object) or hint in (Any, object):
+        return True
+    if get_origin(kind) in (Union, UnionType):
+        return all(_may_be(one, hint) for one in get_args(kind))
+    if get_origin(hint) in (Union, UnionType):
+        return any(_may_be(kind, one) for one in get_args(hint))
+    if get_origin(kind) is Literal:
+        return all(_may_be(type(one), hint) for one in get_args(kind))
+    inner, wanted = get_args(kind), get_args(hint)
+    is_like = _is_class_of(get_origin(kind) or kind, get_origin(hint) or hint)
+    return is_like and (len(inner) != len(wanted) or all(map(_may_be, inner, wanted)))
+
+
+def _plain(kind: Any) -> Any:
+    """A type without what is added to it for others."""
+    while isinstance(kind, NewType) or get_origin(kind) is Annotated:
+        kind = kind.__supertype__ if isinstance(kind, NewType) else get_args(kind)[0]
+    return kind
+
+
+def _is_class_of(kind: Any, hint: Any) -> bool:
+    if not (isinstance(kind, type) and isinstance(hint, type)) or inspect.isabstract(kind):
+        return True
+    try:
+        return issubclass(kind, hint) or (hint in (float, complex) and issubclass(kind, int | float))
+    except TypeError:  # of a Protocol, for example
+        return True
