@@ -1,13 +1,13 @@
 """Ports and central's messages: how components talk to the other programs of a robot."""
 
-import logging
 from collections import deque
 from typing import Any, TypeVar
 
 from tca_activities.components import InputPort, OutputPort
 from tca_module import Broadcast, Callback, CentralLost, Inform, MisuseError, Module, TcaError, Timeout, Variable
+from tca_module.log import log_of
 
-_LOG = logging.getLogger("tca.activities")
+_LOG = log_of("activities")
 T = TypeVar("T")
 _MOST_WAITING = 1000
 

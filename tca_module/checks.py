@@ -61,7 +61,7 @@ def check(call: object, kind: ArgumentKind, **values: Any) -> None:
     """Raise MisuseError for the first of these named values that is of another kind."""
     for name, value in values.items():
         if not kind.fits(value):
-            advice = f": give {name}.item()" if type(value).__module__ == "numpy" and hasattr(value, "item") else ""
+            advice = f": give {name}.item()" if hasattr(value, "dtype") else ""
             raise MisuseError(f"{call}: {name} must be {kind.words}, not {value!r:.60}{advice}")
 
 

@@ -1,7 +1,6 @@
 """Module: a program's handlers and their threads. One resource is one thread with its own connection."""
 
 import contextlib
-import logging
 import signal
 import threading
 import time
@@ -16,6 +15,7 @@ from tca_module.link.connection import LINGER, PATIENCE, Connection
 from tca_module.link.keepalive import TEND_PERIOD, KeepAlive
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.stop import Stop
+from tca_module.log import log_of
 from tca_module.sending.sender import Sender
 from tca_module.serving.callbacks import Callback, Callbacks, HasFileno
 from tca_module.serving.handler_options import BUSY, HandlerOptions, WhenBusy, checked_format
@@ -76,7 +76,7 @@ class Module(Sender):
         self._stop = Stop()
         self._keep_alive: KeepAlive | None = None
         self._linger = LINGER
-        self._log = logging.getLogger(f"tca.{name}")
+        self._log = log_of(name)
 
     def __repr__(self) -> str:
         return f"Module({self.name!r})"
@@ -295,6 +295,9 @@ class Module(Sender):
         greeting = hello(self.name)
         self._link = link = open_connection(self.central, greeting, patience, self._stop.is_set)
         link.root_sender = self
+        if (known := link.session.module) != self.name:
+            text = f"another module '{self.name}' runs, so central calls this one '{known}'"
+            self._log.warning("%s: give each a name of its own, unless the newer one replaces the older", text)
         link.session.replace_slot = self._slots.replace
         try:
             self._wait_for_required(link)
@@ -340,6 +343,9 @@ class Module(Sender):
 
         self._resources.setdefault(CALLBACKS, 1)  # after() may have been called while required messages were awaited
         used = {handler.resource for handler in self._handlers.values()} | self._slots.with_callbacks
+        for name in sorted(self._hung_after.keys() - used):
+            text = "resource '%s' of module '%s' has no handler, so nothing can lock it: declare one with resource='%s'"
+            self._log.warning(text, name, self.name, name)
         self._slots.open([name for name in self._resources if name in used], self._resources, open_slot)
 
     def _leave(self, why: BaseException | None = None) -> list[BaseException]:

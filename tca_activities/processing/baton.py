@@ -3,7 +3,6 @@ the baton to the processor that the schedule names.
 """
 
 import contextlib
-import logging
 import threading
 import time
 from collections.abc import Iterable, Iterator
@@ -11,8 +10,9 @@ from collections.abc import Iterable, Iterator
 from tca_activities.processing.schedule import Processor, Schedule
 from tca_activities.processing.ticking import tick
 from tca_module import MisuseError
+from tca_module.log import log_of
 
-_LOG = logging.getLogger("tca.activities")
+_LOG = log_of("activities")
 _GIVE_WAY = 0.0001  # seconds between two threads that are started: a lock that is let go and taken again lets nobody in
 _PATIENCE = 2.0  # seconds that stop() waits for a tick without a word
 

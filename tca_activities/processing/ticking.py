@@ -1,10 +1,9 @@
 """A tick that may raise: it harms no other activity."""
 
-import logging
-
 from tca_activities.activity import StateActivity
+from tca_module.log import log_of
 
-_LOG = logging.getLogger("tca.activities")
+_LOG = log_of("activities")
 
 
 def tick(activity: StateActivity) -> str:

@@ -4,7 +4,6 @@ Two accounts of facts are kept. The plain ones are changed by activities whose s
 likelihoods see these, as they would without a preview. The present ones are how the robot is now.
 """
 
-import logging
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -16,9 +15,10 @@ from tca_coordination.running.facts import KnownFacts
 from tca_coordination.running.failures import FailureNotes
 from tca_coordination.running.work import ActivityTask, StartedActivity
 from tca_module import Change, Task
+from tca_module.log import log_of
 from tca_wire.coordination import RoleChange, TaskRole
 
-_LOG = logging.getLogger("tca.coordination")
+_LOG = log_of("coordination")
 
 
 class ActivitiesAtWork:

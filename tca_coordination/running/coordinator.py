@@ -1,6 +1,5 @@
 """Coordinator: a machine whose runs are tasks of a module."""
 
-import logging
 from contextlib import suppress
 from math import isfinite
 from threading import Lock
@@ -15,6 +14,7 @@ from tca_coordination.running.look_ahead import LookAhead
 from tca_coordination.running.messages import COORDINATION_EVENT, CoordinationEnd, MachineEvent
 from tca_coordination.running.run import CoordinationRun
 from tca_module import Command, MisuseError, Module, Sender, Task, TcaError, Variable
+from tca_module.log import log_of
 from tca_wire.coordination import CoordinationChart, CoordinationReport
 from tca_wire.points import TaskId
 
@@ -106,7 +106,7 @@ class Coordinator:
             run.note_event(event)
 
     def _warn(self, text: str) -> None:
-        logging.getLogger(f"tca.{self._home}").warning("%s", text)
+        log_of(self._home).warning("%s", text)
 
     # --- handlers --------------------------------------------------------------------------------------------------
 

@@ -1,11 +1,11 @@
 """Stops the tasks of a mission, waits for that, and names those that do not end."""
 
-import logging
 import time
 from collections.abc import Sequence
 
 from tca_missions.client.task_handle import TaskHandle
 from tca_module import Timeout, wait_for_any
+from tca_module.log import log_of
 
 LOOKS_EVERY = 2.0  # seconds between two looks at the tasks that a mission waits for
 _PATIENCE = 2.0  # seconds that a stopped task is waited for without a word
@@ -17,7 +17,7 @@ class Stopping:
 
     def __init__(self, mission: str) -> None:
         self.hung: dict[int, TaskHandle] = {}  #: those that were waited for in vain
-        self._log = logging.getLogger(f"tca.mission {mission}")
+        self._log = log_of(f"mission {mission}")
         self._ending: dict[int, float] = {}  # are to end, as was first seen at that time
         self._said = set[int]()
 

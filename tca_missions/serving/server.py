@@ -1,7 +1,6 @@
 """TaskServer: offers the tasks of a robot, and runs them."""
 
 import contextlib
-import logging
 import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ from tca_missions.serving.foreground import Foreground
 from tca_missions.serving.run import TaskRun
 from tca_module import Callback, MisuseError, Module, Stopped, Task
 from tca_module.link.opening import CentralAddress
+from tca_module.log import log_of
 
 _IDLE_AFTER = (
     0.2  # seconds without a task in the foreground after which the idle task runs: missions do one after another
@@ -46,7 +46,7 @@ class TaskServer:
     ) -> None:  # fmt: skip
         self.module = Module(name, central, capacity=capacity)
         self.environment = environment
-        self._log = logging.getLogger(f"tca.{name}")
+        self._log = log_of(name)
         if not isinstance(environment, Environment):
             raise MisuseError(f"server '{name}': environment must inherit from Environment, not {environment!r:.60}")
         if not rate > 0:

@@ -1,6 +1,5 @@
 """The direct messages of one connection: those it sends and those its slot takes; none with a LocalCentral."""
 
-import logging
 import time
 from collections.abc import Callable, Iterable
 from secrets import token_hex
@@ -9,6 +8,7 @@ from typing import Any
 from tca_module.direct.inbox import Inbox
 from tca_module.direct.note_batch import FAR, NoteBatch
 from tca_module.direct.routes import DirectRoutes
+from tca_module.log import log_of
 from tca_module.session.request import Request
 from tca_module.session.session import Session
 from tca_module.sockets.direct import EntranceSocket, PathSocket
@@ -44,7 +44,7 @@ class DirectMessages:
         self._inbox: Inbox | None = None
         self._transport, self._door = transport, door
         if transport is not None and door is not None:
-            log = logging.getLogger(f"tca.{session.module}")
+            log = log_of(session.module)
             self._inbox = Inbox(door.socket, door.entrance.key, door.queries, self._notes, clock, log)
             transport.add(door.socket)
 

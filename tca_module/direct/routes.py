@@ -5,12 +5,12 @@ Paths are kept while a route leads there, a query is open, or an inform may not 
 """
 
 import itertools
-import logging
 from collections import deque
 from collections.abc import Callable
 
 from tca_module.direct.note_batch import NoteBatch
 from tca_module.direct.path import DirectPath, LineSocket
+from tca_module.log import log_of
 from tca_module.session.request import Request
 from tca_module.session.session import Session
 from tca_module.sockets.transport import DealerTransport
@@ -40,7 +40,7 @@ class DirectRoutes:
         self._is_tidy = True  #: no way is open that leads nowhere
         self._epoch = ""
         self._now = 0.0
-        self._log = logging.getLogger(f"tca.{session.module}")
+        self._log = log_of(session.module)
 
     def ask(self, header: Send, body: bytes, now: float) -> Request | None:
         """Send a query directly; None if it must go through central."""

@@ -1,6 +1,5 @@
 """A task as a program that follows it knows it: the newest state, and functions to call with each change."""
 
-import logging
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Generic, TypeVar
@@ -9,6 +8,7 @@ from tca_module.checks import check_function
 from tca_module.errors import ORDINARY, Timeout
 from tca_module.following.observation import News, Observation, is_progress
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
+from tca_module.log import log_of
 
 C = TypeVar("C")
 
@@ -83,7 +83,7 @@ class ChangeCallback(Generic[C]):
         self._connection = connection
         self._function = function
         self._give = give
-        self._log = logging.getLogger(f"tca.{connection.session.module}")
+        self._log = log_of(connection.session.module)
 
     def put(self, news: News) -> None:
         """Something has changed: call the function soon."""

@@ -5,7 +5,6 @@ resource.
 """
 
 import contextlib
-import logging
 import math
 import threading
 import time
@@ -20,6 +19,7 @@ from tca_module.link.one_process import OfOneProcess
 from tca_module.link.packet_line import SEND_WAIT, STEP, PacketLine
 from tca_module.link.turns import Turns
 from tca_module.link.wait_loop import WaitLoop
+from tca_module.log import log_of
 from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, check_epoch, first_foreign, numbers_in
 from tca_module.session.registering import registers
 from tca_module.session.request import Request, refers_to_tasks
@@ -64,7 +64,7 @@ class Connection(OfOneProcess):
         self.arrivals = Arrivals(session, self.direct, self.line, transport, clock)
         self._declared: dict[str, Message[Any, Any]] = {}
         self._owner, self._owner_name = threading.get_ident(), threading.current_thread().name
-        self.log = logging.getLogger(f"tca.{session.module}")
+        self.log = log_of(session.module)
 
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
         """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped*."""

@@ -3,7 +3,6 @@
 One thread does so for all modules of a process. It sleeps until something arrives, or is due.
 """
 
-import logging
 import os
 import select
 import threading
@@ -15,6 +14,7 @@ from tca_module.errors import NoCentral
 from tca_module.link.connection import Connection
 from tca_module.link.packet_line import STALL
 from tca_module.link.stop import Stop
+from tca_module.log import log_of
 from tca_module.session.session import quiet_within
 from tca_module.sockets.transport import Waker
 
@@ -46,7 +46,7 @@ class KeepAlive:
         self._stop = stop  #: the module is to end
         self._has_told = False  #: that it is stopped
         self._warned = False
-        self._log = logging.getLogger(f"tca.{link.session.module}")
+        self._log = log_of(link.session.module)
         self._keeper = _keeper
         self._keeper.add(self)
         stop.wakes(self._keeper.waker.set)

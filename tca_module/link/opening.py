@@ -1,6 +1,5 @@
 """Opens a connection: to a central behind a socket, or in this process."""
 
-import logging
 import os
 import socket
 from collections.abc import Callable, Iterable
@@ -12,6 +11,7 @@ import msgspec
 from tca_module.checks import CENTRAL, check
 from tca_module.direct.messages import DirectMessages, OpenedEntrance
 from tca_module.link.connection import Connection
+from tca_module.log import log_of
 from tca_module.session.lasting_attachments import LastingAttachments
 from tca_module.session.session import PREFETCH, Session
 from tca_module.sockets.transport import DealerTransport, Transport
@@ -62,7 +62,7 @@ def _connection_by_socket(
             door = OpenedEntrance(address, direct)
             hello = msgspec.structs.replace(hello, entrance=door.entrance)
         except OSError as error:
-            log = logging.getLogger(f"tca.{hello.module}")
+            log = log_of(hello.module)
             log.warning("nothing can come to '%s' directly (%s): all goes through central", hello.resource, error)
     session = Session(hello, attachments)
     without_central = DirectMessages(session, transport, token_hex(16), door)

@@ -1,11 +1,11 @@
 """Packets to and from one central, and direct ones. Never waits longer than it is told to."""
 
-import logging
 import math
 from collections.abc import Callable
 
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost
+from tca_module.log import log_of
 from tca_module.session.session import QUIET, Session
 from tca_module.sockets.transport import Transport, is_anybody_there, is_turned_away, what_keys_lack
 from tca_wire.errors import ProtocolError
@@ -28,7 +28,7 @@ class PacketLine:
         self._transport = transport
         self._direct = direct
         self._clock = clock
-        self._log = logging.getLogger(f"tca.{session.module}")
+        self._log = log_of(session.module)
         self._receipts = Receipts()
         self._silence = 0.0, -math.inf  #: the seconds of central's last silence though it was asked, and their end
 

@@ -1,13 +1,13 @@
 """The three ways to get replies later: fetch one, iterate over many, or have a function called."""
 
 import asyncio
-import logging
 from collections.abc import Callable, Generator, Iterator
 from typing import Any, Generic, Self
 
 from tca_module.checks import TIMEOUT, check
 from tca_module.errors import ORDINARY, BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
 from tca_module.link.connection import Connection
+from tca_module.log import log_of
 from tca_module.session.request import Request
 from tca_wire.messages.declarations import Message, MultiQuery, Query, R
 from tca_wire.packets.headers import Answer
@@ -137,7 +137,7 @@ class Notification(Generic[R]):
         self._pending = pending
         self._callback = callback
         self._on_failure = on_failure
-        self._log = logging.getLogger(f"tca.{connection.session.module}")
+        self._log = log_of(connection.session.module)
         pending.request.notify = lambda: connection.waiting.callbacks.append(self._call)
 
     def wait(self, timeout: float | None = None) -> bool:

@@ -34,15 +34,15 @@ class Task(Sender, SteerableTask, HandledTask):
     """
 
     def __init__(
-        self, connection: Connection, delivery: Deliver, message: Message[Any, Any], *, accepts: bool = False,
-        is_async: bool = False,
-    ) -> None:  # fmt: skip
-        """*accepts*: the handler says itself when it accepts the task; *is_async*: it is a coroutine function."""
+        self, connection: Connection, delivery: Deliver, message: Message[Any, Any], *, accepts: bool = False
+    ) -> None:
+        """*accepts*: the handler says itself when it accepts the task."""
         self._link: Connection | None = connection
         self._wakes: Connection = connection  # also when the handler has returned
         self._message = message
         self._delivery = delivery
-        self._accepts, self._is_async = accepts, is_async
+        self._accepts = accepts
+        self.is_async = False  #: its handler is a coroutine
         self._what = numbered(message.name, delivery.task) if delivery.task else f"'{message.name}'"
         epoch = connection.session.epoch
         task_id = with_epoch(delivery.task, epoch, self._what)
@@ -136,7 +136,7 @@ class Task(Sender, SteerableTask, HandledTask):
         like ``sleep``.
         """
         connection = self._own_connection()
-        if self._is_async and connection.await_moment is not None:
+        if self.is_async and connection.await_moment is not None:
             return connection.await_moment(moment)
         connection.wait_until(lambda: False, f"the sleep of {self}", moment)
         return None

@@ -3,7 +3,7 @@
 import inspect
 from collections.abc import Callable
 from types import UnionType
-from typing import Annotated, Any, Literal, NewType, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from tca_module.errors import MisuseError
 from tca_wire.messages.declarations import Message
@@ -27,25 +27,22 @@ def check_annotation(name: str, function: Callable[..., Any], message: Message[A
 
 def _may_be(kind: Any, hint: Any) -> bool:
     """Whether a value of type *kind* may be one of type *hint*: False only where that is certain."""
-    kind, hint = _plain(kind), _plain(hint)
-    if kind == hint or kind in (Any, object) or hint in (Any, object):
+    return all(any(_is_like(one, other) for other in _members(hint)) for one in _members(kind))
+
+
+def _members(kind: Any) -> tuple[Any, ...]:
+    """The types of a union; without what Annotated adds for others."""
+    if get_origin(kind) is Annotated:
+        return _members(get_args(kind)[0])
+    return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+
+
+def _is_like(kind: Any, hint: Any) -> bool:
+    if kind == hint or Any in (kind, hint):
         return True
-    if get_origin(kind) in (Union, UnionType):
-        return all(_may_be(one, hint) for one in get_args(kind))
-    if get_origin(hint) in (Union, UnionType):
-        return any(_may_be(kind, one) for one in get_args(hint))
-    if get_origin(kind) is Literal:
-        return all(_may_be(type(one), hint) for one in get_args(kind))
     inner, wanted = get_args(kind), get_args(hint)
-    is_like = _is_class_of(get_origin(kind) or kind, get_origin(hint) or hint)
-    return is_like and (len(inner) != len(wanted) or all(map(_may_be, inner, wanted)))
-
-
-def _plain(kind: Any) -> Any:
-    """A type without what is added to it for others."""
-    while isinstance(kind, NewType) or get_origin(kind) is Annotated:
-        kind = kind.__supertype__ if isinstance(kind, NewType) else get_args(kind)[0]
-    return kind
+    fits = len(inner) != len(wanted) or all(map(_may_be, inner, wanted))
+    return fits and _is_class_of(get_origin(kind) or kind, get_origin(hint) or hint)
 
 
 def _is_class_of(kind: Any, hint: Any) -> bool:

@@ -1,6 +1,5 @@
 """Functions that a module's thread calls between messages: at a time, or when a file has something to read."""
 
-import logging
 import math
 import threading
 from collections import deque
@@ -10,6 +9,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from tca_module.checks import DELAY, PERIOD, check, check_function
 from tca_module.errors import ORDINARY, MisuseError
 from tca_module.link.connection import Connection
+from tca_module.log import log_of
 from tca_module.sending.sender import Sender
 from tca_module.serving.state_observers import StateObserver
 from tca_module.sockets.transport import Transport
@@ -122,7 +122,7 @@ class Callbacks:
         self._files: dict[int, Callback] = {}
         self._timers: Timers[Callback] = Timers()
         self._due: deque[Callback] = deque()
-        self._log = logging.getLogger(f"tca.{module}")
+        self._log = log_of(module)
 
     def __contains__(self, callback: object) -> bool:
         return callback in self._starts

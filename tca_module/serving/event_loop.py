@@ -7,18 +7,21 @@ not turn while a plain handler or a callback runs.
 import asyncio
 import math
 import selectors
+import time
 from collections.abc import Callable, Collection, Coroutine, Generator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from functools import partial
+from operator import itemgetter
 from typing import Any, TypeVar
 
+from tca_module.checks import BRIEF
 from tca_module.link.connection import Connection
 from tca_module.link.packet_line import STALL, STEP
 from tca_module.serving.coroutine_waits import CoroutineWaits
-from tca_module.serving.sleeps import Sleeps
 from tca_module.session.open_deliveries import OpenDelivery
 from tca_module.session.request import Request
 from tca_module.session.session import quiet_within
+from tca_module.sockets.transport import Transport
 from tca_wire.packets.headers import Deliver
 
 T = TypeVar("T")
@@ -39,16 +42,17 @@ class EventLoop:
         self._beat: asyncio.TimerHandle | None = None  #: calls ``_keep_alive``
         self._is_flushing = False  #: something is to be sent when all who can go on now have done so
         self._fatal: BaseException | None = None  #: an exception of a handler that is to end the module
+        self._ended: list[OpenDelivery] = []  #: the handlers that are done since the loop turned last
+        self._has_warned: set[str] = set()  #: of these handlers
         files = (connection.transport.fileno(), connection.transport.waker().fileno())
-        sleeps = Sleeps(connection.transport)
-        selector = _Selector(files[0], self._has_news, connection.transport.pausing, sleeps)
+        self._selector = selector = _Selector(files[0], self._has_news, connection.transport, self._check_turn)
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
         self._loop = self._runner.get_loop()
         self._awaiting = CoroutineWaits(self._loop, connection, partial(self._beat_in, STEP))
         for file in files:
             self._loop.add_reader(file, self._on_news)
         self._since = self._turned = self._loop.time()
-        connection.await_news, connection.await_moment = self._await_news, sleeps.until
+        connection.await_news, connection.await_moment = self._await_news, selector.sleep_until
 
     @property
     def is_running(self) -> bool:
@@ -67,9 +71,11 @@ class EventLoop:
 
     def _run_until(self, future: asyncio.Future[T]) -> T:
         """Run until a future is done. Raises also the error of a handler beside it, which asyncio would only keep."""
+        self._selector.turned = time.monotonic()
         try:
             return self._loop.run_until_complete(future)
         finally:
+            self._check_turn()
             if self._fatal is not None:
                 raise self._fatal
 
@@ -82,9 +88,22 @@ class EventLoop:
 
     def _is_done(self, delivery: OpenDelivery, task: asyncio.Task[Any]) -> None:
         self._handled.pop(delivery, None)
+        self._ended.append(delivery)
         if not task.cancelled() and (error := task.exception()) is not None and not self._is_closing:
             self._fatal = error
             self._loop.stop()
+
+    def _check_turn(self) -> None:
+        """Warn of handlers that have kept the loop from turning: nothing else in the slot went on meanwhile."""
+        now, ended = time.monotonic(), self._ended
+        seconds, self._selector.turned, self._ended = now - self._selector.turned, now, []
+        if seconds < BRIEF:
+            return
+        names = " or ".join(sorted({one.name.partition(" {")[0] for one in (*self._handled, *ended)}))
+        if names and names not in self._has_warned:
+            self._has_warned.add(names)
+            text = f"the async handler of {names} has blocked its event loop for {seconds:.1f} s: await what takes time"
+            self._connection.log.warning("%s, such as task.sleep(), asyncio.to_thread() or query_send()", text)
 
     def wait(self, seconds: float, files: Collection[int]) -> dict[int, bool]:
         """Turn until something has come, as ``transport.wait``."""
@@ -144,11 +163,13 @@ class EventLoop:
     def _listen(self) -> float:
         """Do all pending work; the seconds of central's silence."""
         connection = self._connection
+        self._check_turn()
         silence = connection.tend(self._since)
         while connection.waiting.has_news:
             connection.waiting.take_news()
         while not self._is_closing and (delivery := connection.direct.next_delivery()) is not None:
             self._attend(*delivery)
+        self._selector.turned = time.monotonic()  # plain handlers and callbacks may take their time
         return silence
 
     def _keep_alive(self) -> None:
@@ -194,25 +215,45 @@ class EventLoop:
 
 
 class _Selector(selectors.DefaultSelector):
-    """A selector that does not wait while there is other news, and then reports *file* as readable."""
+    """A selector that does not wait while there is other news, and then reports *file* as readable. The sleeps of
+    coroutines end here, on the clock of handlers: the one that a test may step.
+    """
 
     def __init__(
-        self, file: int, has_news: Callable[[], bool], pausing: Callable[[], AbstractContextManager[Any]],
-        sleeps: Sleeps,
-    ) -> None:  # fmt: skip
+        self, file: int, has_news: Callable[[], bool], transport: Transport, on_turn: Callable[[], None]
+    ) -> None:
         super().__init__()
-        self._sleeps = sleeps
+        self.turned = time.monotonic()  #: when the loop turned last
         self._file = file
         self._has_news = has_news
-        self._pausing = pausing
+        self._transport = transport
+        self._on_turn = on_turn
+        self._sleeping: dict[asyncio.Future[None], float] = {}  #: until when
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         """The files that are ready."""
+        self._on_turn()
         if self._has_news():
             ready = [*super().select(0), (self.get_key(self._file), selectors.EVENT_READ)]
         else:
-            seconds = min(math.inf if timeout is None else timeout, self._sleeps.seconds())
-            with self._pausing() if seconds > 0 else nullcontext():
+            seconds = min(math.inf if timeout is None else timeout, self._until_next())
+            with self._transport.pausing() if seconds > 0 else nullcontext():
                 ready = super().select(None if seconds == math.inf else seconds)
-        self._sleeps.wake()
+        for future, moment in sorted(self._sleeping.items(), key=itemgetter(1)):
+            if self._transport.seconds_until(moment) <= 0 and not future.done():
+                future.set_result(None)
+        self.turned = time.monotonic()
         return ready
+
+    async def sleep_until(self, moment: float) -> None:
+        """Wait until that moment."""
+        future = asyncio.get_running_loop().create_future()
+        self._sleeping[future] = moment
+        try:
+            await future
+        finally:
+            del self._sleeping[future]
+
+    def _until_next(self) -> float:
+        """The real seconds to the next moment: for ever, if a test steps the clock, which ends the wait."""
+        return self._transport.seconds_until(min(self._sleeping.values())) if self._sleeping else math.inf

@@ -83,7 +83,7 @@ class Handler:
 
     def task(self, connection: Connection, delivery: Deliver) -> Task:
         """A message to be handled."""
-        return Task(connection, delivery, self.message, accepts=self.format.accepts, is_async=self.is_async)
+        return Task(connection, delivery, self.message, accepts=self.format.accepts)
 
     def handle(self, task: Task, body: bytes) -> Answer:
         """Call the function; the answer for central, or who will give it. Raises what ends the module."""
@@ -94,6 +94,7 @@ class Handler:
 
     async def handle_async(self, task: Task, body: bytes) -> Answer:
         """Call the coroutine function; otherwise like ``handle``."""
+        task.is_async = True
         try:
             return self._answer(task, await self.function(*self._given(task, body)))
         except ORDINARY as error:

@@ -3,7 +3,6 @@
 Between messages, and while a handler waits, the thread of its resource gives requests to these methods.
 """
 
-import logging
 from abc import ABC, abstractmethod
 from collections.abc import Coroutine
 from typing import Any, Generic
@@ -12,6 +11,7 @@ from tca_module.checks import check_function
 from tca_module.errors import ORDINARY, MisuseError, TaskKilled
 from tca_module.following.followed_task import life_cycle_of
 from tca_module.link.connection import Connection
+from tca_module.log import log_of
 from tca_module.sending.handler_errors import Rejection
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.task import Task
@@ -105,7 +105,7 @@ class Conversation:
         self._task = task  # that the server has
         self._handler, self._delivery = handler, delivery
         self._connection = connection
-        self._log = logging.getLogger(f"tca.{connection.session.module}")
+        self._log = log_of(connection.session.module)
         self._one, self._served = task.handled()
         self._served.is_conversing = True
         self._one.on_request += (self._hear_soon,)

@@ -1,7 +1,6 @@
 """The threads of a module: as many for each resource as its capacity, one of which calls the resource's callbacks."""
 
 import contextlib
-import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -12,6 +11,7 @@ from tca_module.errors import MisuseError, NotSent, Stopped
 from tca_module.link.connection import Connection
 from tca_module.link.opening import CentralAddress, open_connection
 from tca_module.link.stop import Stop
+from tca_module.log import log_of
 from tca_module.sending.handler_errors import module_ended
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.sender import Sender
@@ -54,7 +54,7 @@ class Slot:
         self._connection: Connection | None = None
         self._loop: EventLoop | None = None  #: made when it is first needed
         self._owed = WeakSet[LaterReply[Any]]()  #: answers that handlers left to others, who alone keep them
-        self._log = logging.getLogger(f"tca.{hello.module}")
+        self._log = log_of(hello.module)
         self._thread = threading.Thread(target=self._run, name=f"{hello.resource} {hello.connection}", daemon=True)
         self._thread.start()
 
@@ -235,7 +235,7 @@ class Slots:
 
     def __init__(self, module: str) -> None:
         self._module = module
-        self._log = logging.getLogger(f"tca.{module}")
+        self._log = log_of(module)
         self._callbacks: dict[str, Callbacks] = {}  #: by resource
         self._lock = threading.Lock()
         self._slots: list[Slot] = []

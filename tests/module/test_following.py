@@ -191,7 +191,10 @@ def test_progress_is_of_the_declared_type_when_that_has_parts(user: Client, legs
     count = Command("count", progress=list[int])
     legs.handles(count)(lambda task: task.report([1, 2]))
     with legs.running():
-        assert next(user.command(count).progress(list[int], timeout=SOON)) == [1, 2]
+        sent = user.command(count, suspended=True)
+        counted = sent.progress(list[int], timeout=SOON)
+        sent.resume()
+        assert next(counted) == [1, 2]
 
 
 def test_a_function_is_called_with_each_change(user: Client, arm: Module, central: LocalCentral) -> None:

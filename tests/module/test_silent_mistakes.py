@@ -1,0 +1,71 @@
+"""What is allowed and almost certainly a mistake is warned of; what a user's log handler does wrong ends nothing."""
+
+import logging
+import time
+
+import pytest
+from module.real_central import SOON
+
+from tca_module import Client, Command, Module, Outcome, Task
+from tca_module.serving import event_loop
+from tca_module.testing import LocalCentral
+
+REST = Command("rest")
+
+
+def test_a_second_module_of_a_name_is_warned(
+    central: LocalCentral, legs: Module, caplog: pytest.LogCaptureFixture
+) -> None:
+    legs.handles(REST)(lambda _: None)
+    with legs.running():
+        assert not caplog.messages
+        with Module("legs", central).running():
+            (said,) = caplog.messages
+    assert "another module 'legs' runs, so central calls this one 'legs#2'" in said
+
+
+def test_a_resource_without_handlers_is_warned_of(legs: Module, caplog: pytest.LogCaptureFixture) -> None:
+    for name in ("arm", "hip", "head"):
+        legs.resource(name)
+    legs.handles(REST, resource="hip")(lambda _: None)
+    legs.every(100, resource="head")(lambda: None)
+    with legs.running():
+        assert [said.partition(" of ")[0] for said in caplog.messages] == ["resource 'arm'"]
+
+
+@pytest.mark.parametrize("is_last", [False, True])
+def test_an_async_handler_that_blocks_is_warned_of_once(
+    legs: Module, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, *, is_last: bool
+) -> None:
+    monkeypatch.setattr(event_loop, "BRIEF", 0.3)
+
+    @legs.handles(REST)
+    async def rest(task: Task) -> None:
+        time.sleep(0.3)  # noqa: ASYNC251 - the mistake
+        if not is_last:
+            await task.sleep(0.01)
+
+    with legs.running():
+        for _ in range(2):
+            assert user.command(REST).wait(SOON) is Outcome.DONE
+    (said,) = caplog.messages
+    assert said.startswith("the async handler of rest has blocked its event loop for 0.")
+
+
+class Broken(logging.Handler):
+    """Raises instead of calling ``handleError``."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        raise OSError(f"no room for {record.msg:.20}")
+
+
+def test_a_log_handler_that_raises_ends_nothing(legs: Module, user: Client, capsys: pytest.CaptureFixture[str]) -> None:
+    @legs.handles(REST)
+    def rest(_: Task) -> None:
+        raise ValueError
+
+    logging.getLogger("tca.legs").addHandler(broken := Broken())
+    with legs.running():
+        assert [user.command(REST).wait(SOON) for _ in range(2)] == [Outcome.FAILED, Outcome.FAILED]
+    logging.getLogger("tca.legs").removeHandler(broken)
+    assert "OSError: no room for handler" in capsys.readouterr().err
