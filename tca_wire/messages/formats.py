@@ -1,7 +1,7 @@
 """Formats of user data: from Python type hints to MessagePack and JSON Schema. Knows nothing of messages."""
 
 import json
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, get_args
 
 import msgspec
 
