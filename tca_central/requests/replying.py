@@ -202,8 +202,15 @@ def end_if_complete(central: State, collector: Collector) -> None:
     is_complete = not collector.wanted or not collector.pending
     if is_complete and collector.connection.outstanding.pop(collector.number, None) is not None:
         central.facts.append(facts.Answered(collector.id))
-        central.budget.collected -= collector.size
+        end_collector(central, collector)
         answer, body = Answer(collector.number), b""
         if collector.end is not None and collector.end[0].outcome is not Outcome.DONE:
             answer, body = end_of_multi_query(central, collector, collector.number)
         central.send(collector.connection, collector.number, answer, body)
+
+
+def end_collector(central: State, collector: Collector) -> None:
+    """Nothing more is collected: handlers that still have a copy answer it, and their answers are thrown away."""
+    central.budget.collected -= collector.size
+    for copy in collector.pending:
+        del central.collectors[copy]

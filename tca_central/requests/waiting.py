@@ -8,6 +8,7 @@ from tca_central.model.intervals import checked_moment
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim
 from tca_central.needs.texts import end_of_wait
+from tca_central.requests.replying import end_collector
 from tca_central.state import Collector, PresenceWait, State, TaskWait, dropped_fact
 from tca_wire.journal import facts
 from tca_wire.messages.failures import DEADLOCK
@@ -102,7 +103,7 @@ def give_up(
     elif due is None or isinstance(due, Claim):
         give_up_claim(central, connection, number, why)
     elif isinstance(due, Collector):
-        central.budget.collected -= due.size
+        end_collector(central, due)
         for delivery in due.pending.values():
             _abandon(central, delivery, ())
         central.facts.append(facts.Dropped(due.id, due.message.name, why, where=where, dropping=dropping))
@@ -117,4 +118,3 @@ def _abandon(central: State, delivery: Delivery, dropped: tuple[facts.Dropped, .
             central.doubt(delivery.slot, delivery)
     else:
         central.dispatcher.withdraw(delivery, dropped=dropped)
-        central.collectors.pop(delivery.id, None)

@@ -363,3 +363,14 @@ def test_names_of_a_module_that_has_left_make_room_on_a_quiet_robot_too(monkeypa
     assert isinstance(player.declare("keeper", "inform fresh")[0], headers.Refused)
     player.receive("full", headers.Bye())
     assert isinstance(player.declare("keeper", "inform fresh")[0], headers.Accepted)
+
+
+def test_late_failures_of_a_multi_query_given_up_hold_nothing() -> None:
+    player = of("map: multi-query where", "camera: multi-query where", "user")
+    player.send("user", "where")
+    player.receive("user", headers.GiveUp(player.numbers["user"]))
+    sent = player.receive("map/1", headers.Fail(player.delivered("map/1")[0], "no idea", "why"), bytes(500))
+    assert player.central.budget.collected == 0
+    sent += player.reply("camera/1")
+    assert not any(isinstance(one, headers.Answer) for one in sent)
+    assert not player.central.collectors
