@@ -193,6 +193,8 @@ class Central(State):
         self.origin = 0
 
     def _carry_out(self, connection: Connection, header: ToCentral, body: bytes, kind: "_Kind") -> None:
+        if kind.needs_number and not header.number:  # type: ignore[union-attr]
+            raise RequestError(Refusal.PROTOCOL, f"{kind.name} waits for an answer, so it needs a request number")
         if kind.origin is not None and (origin := kind.origin(header)):
             self.origin = self._checked_origin(origin, connection)
             if kind.may_forge and not self.origin and origin in self.dispatcher.running:
@@ -421,16 +423,20 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
 """One row per message: what happens when it arrives."""
 
 
+_WAITS = (headers.AwaitPoint, headers.GetVariable, headers.Lock, headers.WaitUntilHandled, Observe)
+
+
 class _Kind:
     """A message of the protocol, as far as the core needs to know it."""
 
-    __slots__ = ("has_number", "may_forge", "name", "names_tasks", "origin")
+    __slots__ = ("has_number", "may_forge", "name", "names_tasks", "needs_number", "origin")
 
     def __init__(self, header: type[msgspec.Struct]) -> None:
         fields = header.__struct_fields__
         origin = next((name for name in ("origin", "delivery") if name in fields), "")
         self.name: str = header.__name__
         self.has_number = "number" in fields
+        self.needs_number = header in _WAITS  # by which its answer is found
         self.may_forge = "origin" in fields and header is not headers.Lock  # that is refused, with better words
         self.names_tasks = bool(naming.NAMING[header])
         self.origin: Callable[[Any], int] | None = attrgetter(origin) if origin else None

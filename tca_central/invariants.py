@@ -256,8 +256,11 @@ def _check_resources(central: State) -> None:
 
 
 def _check_ahead(resource: ModuleResource, name: str) -> None:
-    """What a slot has ahead waits for nothing else, in its order; the slot is busy, or gives it back."""
-    line = resource.in_line()
+    """What a slot has ahead waits for nothing else, in its order; the slot is busy, or gives it back.
+
+    A message that has left a queue is not compared: a slot may give it back, and keep later ones that it has begun.
+    """
+    line = [one for one in resource.in_line() if one in resource.ahead or not one.ticket]
     assert line == sorted(line, key=lambda one: (-one.priority, one.arrival)) or resource.is_recalling, f"{name}: order"
     for delivery in resource.ahead:
         assert not delivery.is_task, f"{name}: {delivery} is ahead"

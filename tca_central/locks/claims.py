@@ -27,8 +27,6 @@ MOST_CLAIMS = 1000
 def on_lock(central: State, connection: Connection, header: headers.Lock, _: bytes) -> None:
     """A module wants a resource for itself."""
     what = "a reservation" if header.reserve else "a lock"
-    if not header.number:
-        raise RequestError(Refusal.PROTOCOL, f"{what} of '{header.resource}' needs a request number")
     if header.timeout >= 0 or header.timeout != header.timeout:
         checked_seconds(header.timeout, f"{what} of '{header.resource}' with a timeout")
     resource = find_resource(central, header.resource, header.module)

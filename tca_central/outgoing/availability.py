@@ -20,8 +20,6 @@ MOST_AWAITED = 1000
 
 def on_wait_until_handled(central: State, connection: Connection, header: headers.WaitUntilHandled, _: bytes) -> None:
     """A module waits until somebody handles all messages that it needs."""
-    if not header.number:
-        raise RequestError(Refusal.PROTOCOL, "a wait until messages are handled needs a request number")
     if len(header.messages) > MOST_AWAITED:
         text = f"{len(header.messages)} messages in one wait: {MOST_AWAITED} are allowed, send several requests"
         raise RequestError(Refusal.OVERLOAD, text)

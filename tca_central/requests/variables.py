@@ -29,11 +29,6 @@ def _variable(central: State, name: str) -> MessageType:
     return message
 
 
-def _check_number(header: headers.GetVariable | headers.SetVariable) -> None:
-    if not header.number:
-        raise RequestError(Refusal.PROTOCOL, f"a question for variable '{header.variable}' needs a request number")
-
-
 def _value(central: State, message: MessageType) -> bytes:
     known = central.variables.values.get(message.name)
     return known.body if known else NEVER_SET
@@ -41,15 +36,14 @@ def _value(central: State, message: MessageType) -> bytes:
 
 def on_get_variable(central: State, connection: Connection, header: headers.GetVariable, _: bytes) -> None:
     """A module asks for the value. The answer is not kept: a repeated question gets the newest value."""
-    _check_number(header)
     central.tell(connection, Answer(header.number), _value(central, _variable(central, header.variable)))
 
 
 def on_set_variable(central: State, connection: Connection, header: headers.SetVariable, body: bytes) -> None:
     """A module sets a variable, and is told the value before if it exchanges."""
     message = _variable(central, header.variable)
-    if header.swap:
-        _check_number(header)
+    if header.swap and not header.number:
+        raise RequestError(Refusal.PROTOCOL, f"an exchange of variable '{message.name}' needs a request number")
     if body == NEVER_SET:
         raise RequestError(Refusal.PROTOCOL, f"variable '{message.name}' can't be set to nothing: give a value")
     central.variables.check_room(message.name, body, central.budget.variables)

@@ -4,15 +4,17 @@ from typing import Any
 
 import msgspec
 import pytest
-from central.player import ANY, Player
+from central.player import ANY, Player, point
 
+from tca_central.events import ConnectionId
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Dropped, Failed, LostDirectly
 from tca_wire.packets import headers
+from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import Accepted, Refused
 from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat
 from tca_wire.packets.routes import Entrance, Loss, Note, Noted
-from tca_wire.points import TaskId
+from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Limit, MessageClass, Refusal
 
 BAD_NAMES = ("\x1b[2J", "two\nlines", "a\x00", "\u202egnp.exe", "\u2028", "x" * 129, "   ")
@@ -130,3 +132,16 @@ def test_the_oldest_of_those_that_came_at_one_time_is_the_first_that_came(player
     load = msgspec.msgpack.decode(player.inbox["user"][-1][1])
     assert isinstance(answer, headers.Answer)
     assert [one["name"] for one in load["waits"]] == ["note"]
+
+
+@pytest.mark.parametrize("header", [
+    Observe(0), headers.AwaitPoint(0, point(1, Moment.END_ACHIEVING)), headers.GetVariable(0, "mode"),
+    headers.Lock(0, "legs"), headers.WaitUntilHandled(0, ["move"]), headers.Send(0, "where"),
+], ids=lambda header: type(header).__name__)  # fmt: skip
+def test_a_request_that_waits_needs_a_number(header: Any) -> None:
+    player = Player.of("legs: command move, query where, variable mode", "user")
+    player.send("user", "move")
+    for _ in range(2):  # the second would be taken for the first
+        (answer,) = player.receive("user", header)
+        assert answer.refusal is Refusal.PROTOCOL
+    assert not player.central.registry.connections[ConnectionId(b"user")].outstanding

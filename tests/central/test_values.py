@@ -65,9 +65,7 @@ def test_what_is_no_value_is_refused(player: Player) -> None:
     (answer,) = player.receive("user", headers.SetVariable(player.number("user"), "pose"))
     assert answer.text == "variable 'pose' can't be set to nothing: give a value"
     (answer,) = player.receive("user", headers.SetVariable(0, "pose", swap=True), b"\x01")
-    assert answer.text == "a question for variable 'pose' needs a request number"
-    (answer,) = player.receive("user", headers.GetVariable(0, "pose"))
-    assert answer.text == "a question for variable 'pose' needs a request number"
+    assert answer.text == "an exchange of variable 'pose' needs a request number"
     (answer,) = player.receive("user", headers.GetVariable(player.number("user"), "depth"))
     assert answer.text == "nobody has declared variable 'depth': register it first"
     assert get(player, "user", "pose") == b""

@@ -112,3 +112,16 @@ def test_a_lost_module_is_one_line_of_the_log_with_all_that_it_had(caplog: pytes
     assert [line for line in caplog.messages if "failure" in line] == [
         f"failure 'module lost' of {named} and 2 more: module 'ear' was lost: its connection closed"
     ]
+
+
+def test_a_slot_may_keep_later_messages_than_it_gives_back() -> None:
+    player = Ears.of("ear: query where", "eye: inform seen", "user")
+    for _ in range(4):
+        player.send("user", "where")
+    first, *others, last = got(player, "ear/1")
+    player.receive("user", headers.Tap(player.number("user"), Condition.BEFORE_HANDLING, "seen", "where"))
+    player.receive("ear/1", headers.Recalled(others))
+    for delivery in (first, last, *others):  # as after a power cut in which central forgot that others were handled
+        player.reply("ear/1", delivery)
+    answered = [header.number for header, _ in player.inbox["user"] if isinstance(header, headers.Answer)]
+    assert len(answered) == len(set(answered)) == 4
