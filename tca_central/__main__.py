@@ -155,6 +155,11 @@ never.")  # fmt: skip
     metavar="BYTES",
     help="How much central may hold of what modules send, as 64M or 2G; beyond that it refuses and drops.",
 )
+@click.option("--tap-depth", type=click.IntRange(min=1), default=8, show_default=True, metavar="NUMBER",
+              help="How many listeners of wiretaps one chain of messages may call; beyond that a tapped message is \
+refused.")  # fmt: skip
+@click.option("--task-depth", type=click.IntRange(min=1), default=20_000, show_default=True, metavar="NUMBER",
+              help="How many tasks may stand under one another; beyond that a task is refused.")  # fmt: skip
 @click.option("--insecure", is_flag=True, help="Over TCP, let in every program of this computer, without a key.")
 @click.option(
     "--permissions",
@@ -168,8 +173,8 @@ never.")  # fmt: skip
 )
 def central(  # noqa: PLR0913 - one for each option
     bind: str | None, journal: Path | None, sync: str, resume: tuple[str, ...], permissions: Path | None, *,
-    if_fails: str, lost_after: int, memory: int, no_journal: bool, no_inputs: bool, fresh: bool, insecure: bool,
-    quiet: bool,
+    if_fails: str, lost_after: int, memory: int, tap_depth: int, task_depth: int, no_journal: bool, no_inputs: bool,
+    fresh: bool, insecure: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Run the daemon that routes messages and keeps the task tree."""
     _log_lines(quiet=quiet)
@@ -186,7 +191,9 @@ def central(  # noqa: PLR0913 - one for each option
             run = RunFolder(folder, is_fresh=is_fresh, accept=accept)
         gate = gate_for(endpoint, keys_folder(), permissions, insecure=insecure)
         known = Central(token_hex(8)) if run is None else run.central
-        server = Daemon(known, endpoint, lost_after=lost_after, gate=gate, memory=memory)
+        server = Daemon(
+            known, endpoint, lost_after=lost_after, gate=gate, memory=memory, tap_depth=tap_depth, task_depth=task_depth
+        )
         server.goes_on_unrecorded = if_fails == "go-on"
         if run is not None:
             run.open(server, Sync(sync), keeps_inputs=not no_inputs, hold="hold" in resume)

@@ -29,7 +29,7 @@ from tca_central.events import (
     DiskSpace,
     Effect,
     Event,
-    MemorySet,
+    LimitsSet,
     OfAll,
     PermissionsChanged,
     Record,
@@ -152,8 +152,8 @@ class Central(State):
                 self.tell_tasks(untold)
         elif isinstance(event, Restarted):
             restarting.on_restarted(self, event)
-        elif isinstance(event, MemorySet):
-            self.set_memory(event.bytes)
+        elif isinstance(event, LimitsSet):
+            self.set_limits(event)
         elif isinstance(event, PermissionsChanged):
             permissions.change_permissions(self, event)
         elif isinstance(event, DiskSpace):

@@ -98,11 +98,16 @@ class DiskSpace(msgspec.Struct, frozen=True, array_like=True, tag="d"):
     is_low: bool
 
 
-class MemorySet(msgspec.Struct, frozen=True, array_like=True, tag="m"):
-    """From now on central may hold so many bytes of what modules send."""
+class LimitsSet(msgspec.Struct, frozen=True, array_like=True, tag="m"):
+    """From now on these limits hold."""
 
     time: float
-    bytes: int
+    memory: int
+    """Bytes that central may hold of what modules send."""
+    tap_depth: int
+    """Listeners of wiretaps in one chain of causes."""
+    task_depth: int
+    """Tasks above one another."""
 
 
 class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
@@ -125,7 +130,7 @@ class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):
     index: int
 
 
-OfAll = TellAll | KeysChanged | PermissionsChanged | DiskSpace | MemorySet | Restarted
+OfAll = TellAll | KeysChanged | PermissionsChanged | DiskSpace | LimitsSet | Restarted
 Event = RequestReceived | BadBytes | ConnectionLost | Tick | OfAll
 Input = Arrived | BadBytes | ConnectionLost | Tick | OfAll | Spared
 

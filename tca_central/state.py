@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 from tca_central.errors import RequestError
-from tca_central.events import Effect, Transmit
+from tca_central.events import Effect, LimitsSet, Transmit
 from tca_central.model.answers import KeptAnswers
 from tca_central.model.budget import (
     ATTACHED_BYTES,
@@ -358,9 +358,10 @@ class State:
         else:
             self.tell(connection, headers.Refused(0, refusal, text))
 
-    def set_memory(self, memory: int) -> None:
-        """So many bytes may be held. What is too much by that now goes as it would have gone."""
-        self.budget.share(memory)
+    def set_limits(self, limits: LimitsSet) -> None:
+        """Other limits hold. Answers that are too much by them now are forgotten; all else stays."""
+        self.budget.share(limits.memory)
+        self.budget.tap_depth, self.budget.task_depth = limits.tap_depth, limits.task_depth
         self.answers.most = self.budget.answers
         self.answers.give_way()
 
@@ -402,6 +403,38 @@ class State:
         if why := self.why_no_room(len(body)):
             self.facts.append(facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, f"{what} is not sent: {why}"))
         return bool(why)
+
+    # --- endless chains ---------------------------------------------------------------------------------------------
+
+    @property
+    def tap_depth(self) -> int:
+        """The number of wiretaps' listeners among the causes of what the present request does."""
+        asking = self.dispatcher.running.get(self.origin)
+        return asking.tap_depth if asking is not None else 0
+
+    def check_tap_depth(self, message: MessageType) -> None:
+        """Raises RequestError if a message would call a listener that is one too many in its chain of causes."""
+        if self.tap_depth < self.budget.tap_depth:
+            return
+        tap = next((tap for tap in message.taps if tap.is_heard), None)
+        if tap is not None:
+            message.dropped += 1
+            raise RequestError(Refusal.OVERLOAD, self.end_of_taps(tap, f"'{message.name}'"))
+
+    def end_of_taps(self, tap: Wiretap, tapped: object) -> str:
+        """Text that says why *tap* does not send its listener for *tapped*."""
+        most = self.budget.tap_depth
+        text = f"{tapped} would call '{tap.listener.name}' (wiretap {tap.id}, {tap.condition})"
+        text = f"{text} after {most} other listeners in its chain of causes, and at most {most} are allowed"
+        return f"{text}: let no listener send what it taps, or set --tap-depth of central"
+
+    def check_task_depth(self, message: MessageType, parent: Task) -> None:
+        """Raises RequestError if a task would stand too deep in the tree."""
+        if parent.depth >= self.budget.task_depth:
+            message.dropped += 1
+            what, most = f"{message.message_class} '{message.name}'", self.budget.task_depth
+            text = f"{what} would stand {parent.depth + 1:,} tasks deep in the tree, and at most {most:,} are allowed"
+            raise RequestError(Refusal.OVERLOAD, f"{text}: send it under an older task, or set --task-depth of central")
 
     def check_declared(self, size: int) -> None:
         """Raises RequestError if no so much more can be declared, attached, claimed or waited for."""

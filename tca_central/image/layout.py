@@ -82,7 +82,7 @@ FORMAT = 1
 
 _DELIVERY = (
     "arrival body context given_as id message message_id nested number origin priority queues refused role sender "
-    "sent_by since slot ticket"
+    "sent_by since slot tap_depth ticket"
 )
 _RESOURCE = (
     "_free _queue _sent_by ahead ahead_at called_back claims copies held_by is_recalling module name numbers slots"
@@ -97,7 +97,9 @@ OBJECTS: dict[type, str] = {
     ),
     # model
     AttachedHandler: "by failure handler holders id maximum place",
-    Budget: "answers awaited collected declared kept messages outcomes refused total unread variables",
+    Budget: (
+        "answers awaited collected declared kept messages outcomes refused tap_depth task_depth total unread variables"
+    ),
     Claim: "admits_owner arrival holder id number owner priority resource since slot ticket timer",
     Clock: "_asked _cancelled _queue now",
     Connection: (
@@ -132,7 +134,7 @@ OBJECTS: dict[type, str] = {
     Registry: "_names bytes connections dropped look_after lost messages modules permissions",
     Task: (
         f"{_DELIVERY} "
-        "children delayed failure followers guard held ignores_parent is_dealt_with is_goal is_watcher killed "
+        "children delayed depth failure followers guard held ignores_parent is_dealt_with is_goal is_watcher killed "
         "last_child leaders parent rare reached recovery requested result retrying returned serial size state "
         "survives suspended top unplanned waiters watchers"
     ),

@@ -12,6 +12,9 @@ MEMORY = 512 << 20
 
 LEAST_MEMORY = 16 << 20
 
+TAP_DEPTH, TASK_DEPTH = 8, 20_000
+"""Listeners of wiretaps in one chain of causes, and tasks above one another, unless an option says otherwise."""
+
 # About what an object costs beside the bytes that it holds.
 DELIVERY_BYTES = 500
 TASK_BYTES = 1000
@@ -30,11 +33,12 @@ ANSWER_BYTES = 300
 class Budget(Stored):
     """The limits, and counts that have no other place."""
 
-    __slots__ = ("answers", "awaited", "collected", "declared", "kept", "messages", "outcomes", "refused", "total",
-                 "unread", "variables")  # fmt: skip
+    __slots__ = ("answers", "awaited", "collected", "declared", "kept", "messages", "outcomes", "refused",
+                 "tap_depth", "task_depth", "total", "unread", "variables")  # fmt: skip
 
     def __init__(self, total: int = MEMORY) -> None:
         self.share(total)
+        self.tap_depth, self.task_depth = TAP_DEPTH, TASK_DEPTH
         self.collected = 0  #: bytes of the failures with which multi-queries under way may end
         self.awaited = 0  #: bytes of waits until messages are handled
         self.refused = 0  #: how much was refused or dropped because a part is spent

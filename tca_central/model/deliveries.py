@@ -265,6 +265,11 @@ class Wiretap(Stored):
         self.watch: WatchOptions | None = None  #: how a listener that is a monitor watches
         self.holders: dict[str, Holder] = {}  #: by name: the modules that added it and have not taken it away
 
+    @property
+    def is_heard(self) -> bool:
+        """Whether its listener is sent: somebody handles it, or it is a monitor, which watches by itself."""
+        return bool(self.listener.handlers) or self.listener.message_class.is_monitor
+
 
 class Refusals(NamedTuple):
     """Quiet tasks that the handler of a delivery has sent, and that were refused."""
@@ -284,7 +289,7 @@ class Delivery(Stored):
 
     __slots__ = ("arrival", "body", "context", "given_as", "id", "message", "message_id", "nested",
                  "number", "origin", "priority", "queues", "refused", "role", "sender", "sent_by", "since", "slot",
-                 "ticket")  # fmt: skip
+                 "tap_depth", "ticket")  # fmt: skip
 
     def __init__(
         self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None, role: Role = Role.NONE
@@ -299,6 +304,7 @@ class Delivery(Stored):
         self.sender = sender  #: the receiver of the answer; None when it is gone
         self.sent_by: object = sender.module if sender is not None else None
         """The module that sent it; if central made it, the sender of the message it was made for (None: nobody)."""
+        self.tap_depth = 0  #: number of wiretaps' listeners among its causes, it included
         self.origin = 0  #: unless it is a task: the delivery whose handler sent it (0: nobody's, or not known)
         self.number = 0  #: of the sender's request (0: no answer wanted)
         self.priority = 0

@@ -89,7 +89,7 @@ class Task(Delivery):
 
     is_task = True
 
-    __slots__ = ("children", "delayed", "failure", "followers", "guard", "held", "ignores_parent",
+    __slots__ = ("children", "delayed", "depth", "failure", "followers", "guard", "held", "ignores_parent",
                  "is_dealt_with", "is_goal", "is_watcher", "killed", "last_child",
                  "leaders", "parent", "rare", "reached", "recovery", "requested", "result", "retrying",
                  "returned", "serial", "size", "state", "survives", "suspended", "top", "unplanned", "waiters",
@@ -108,6 +108,7 @@ class Task(Delivery):
         self.survives = False  #: is not killed when something above it is
         self.delayed = False  #: its planning starts when its achieving does (DELAY_PLANNING)
         self.parent: Task | None = None  #: None: the root
+        self.depth = 0  #: number of tasks from the top of the tree, it included
         self.top: Task | None = None  #: the ancestor right under the root; None: it is that itself
         self.recovery: Task | None = None  #: the nearest exception handler above it
         self.guard: Guard | None = None  #: the nearest task at or above it that has exception handlers
@@ -261,7 +262,7 @@ class TaskTree(Stored):
 
     def attach(self, task: Task, parent: Task) -> None:
         """Hang a new task under its parent."""
-        task.parent = parent
+        task.parent, task.depth = parent, parent.depth + 1
         self.bytes += task.size
         if parent.children is None:
             parent.children = {}

@@ -22,6 +22,7 @@ def copy_of(central: State, original: Delivery) -> Delivery:
     copy = Delivery(central.new_id(), original.message, original.body, original.sender)
     copy.message_id, copy.priority, copy.origin = original.id, original.priority, original.origin
     copy.role, copy.context, copy.sent_by = original.role, original.context, original.sent_by
+    copy.tap_depth = original.tap_depth
     return copy
 
 
@@ -77,6 +78,7 @@ def make_task(
     task.role, task.ignores_parent, task.since = role, True, central.clock.now
     task.survives = role.survives
     task.context, task.sent_by = context, about.sent_by
+    task.tap_depth = _tap_depth(central, about, role)
     prepare(task)
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, Flags.NONE, [])
@@ -89,6 +91,11 @@ def make_task(
     return task
 
 
+def _tap_depth(central: State, about: Delivery, role: Role) -> int:
+    """The tap depth of what central sends for *about*, or for a handler that asks for it just now."""
+    return max(about.tap_depth, central.tap_depth) + (role is Role.LISTENER)
+
+
 def make_delivery(
     central: State, message: MessageType, body: bytes, role: Role, *, about: Delivery | None, context: Any = None
 ) -> Delivery:
@@ -96,6 +103,7 @@ def make_delivery(
     made = Delivery(central.new_id(), message, body, None)
     made.role, made.context = role, context
     made.sent_by = about.sent_by if about is not None else None
+    made.tap_depth = _tap_depth(central, about, role) if about is not None else 0
     number = about.message_id if about is not None else 0
     birth = facts.Received(
         made.id, message.name, message.message_class, CENTRAL, ROOT, 0, False, body, [], role, number

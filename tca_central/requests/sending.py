@@ -57,6 +57,7 @@ def _check_message(central: State, header: Send, message: MessageType) -> None:
         raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a notice: only central sends it")
     if not header.number and message.message_class.has_reply:
         raise RequestError(Refusal.PROTOCOL, f"{message.message_class} '{message.name}' needs a request number")
+    central.check_tap_depth(message)
     if central.is_disk_low and message.message_class.is_task:
         text = f"the disk of central's journal is nearly full: no {message.message_class} is taken before there is room"
         raise RequestError(Refusal.OVERLOAD, text)
@@ -73,7 +74,7 @@ def _received(connection: Connection, header: Send, made: Delivery, constraints:
 
 def _make(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> Delivery:
     delivery = Delivery(central.new_id(), message, body, connection)
-    delivery.priority, delivery.origin = header.priority, header.origin
+    delivery.priority, delivery.origin, delivery.tap_depth = header.priority, header.origin, central.tap_depth
     central.facts.append(_received(connection, header, delivery, []))
     fire_after(central, delivery, SENT)
     return delivery
@@ -128,13 +129,14 @@ def _route_task(central: State, connection: Connection, header: Send, message: M
     if parent is None:
         text = f"task {header.parent} has ended: nothing can be added under it"
         raise RequestError(Refusal.TOO_LATE, text)
+    central.check_task_depth(message, parent)
     central.check_room(len(body) + EDGE_BYTES * len(header.constraints))
     if header.when_killed:
         keep_for_termination(central, parent, message, body)
         central.accept(connection, header.number)
         return
     task = Task(TaskId(central.new_id()), message, body, connection)
-    task.priority, task.since = header.priority, central.clock.now
+    task.priority, task.since, task.tap_depth = header.priority, central.clock.now, central.tap_depth
     is_monitor = message.message_class.is_monitor
     if is_monitor:
         _make_monitor(central, task, parent, header)

@@ -46,11 +46,12 @@ def on_set_variable(central: State, connection: Connection, header: headers.SetV
         raise RequestError(Refusal.PROTOCOL, f"an exchange of variable '{message.name}' needs a request number")
     if body == NEVER_SET:
         raise RequestError(Refusal.PROTOCOL, f"variable '{message.name}' can't be set to nothing: give a value")
+    central.check_tap_depth(message)
     central.variables.check_room(message.name, body, central.budget.variables)
     central.check_room(len(body) * len(message.handlers))
     before = _value(central, message)
     made = Delivery(central.new_id(), message, body, connection)
-    made.origin = header.origin
+    made.origin, made.tap_depth = header.origin, central.tap_depth
     sender, kind = connection.module.name, message.message_class
     central.facts.append(facts.Received(made.id, message.name, kind, sender, ROOT, header.origin, False, body, []))
     central.variables.put(message.name, Value(body, message.format.data, sender, made.id))

@@ -27,7 +27,7 @@ from tca_central.events import (
     Effect,
     Event,
     Input,
-    MemorySet,
+    LimitsSet,
     RequestReceived,
     Spared,
     TellAll,
@@ -35,7 +35,7 @@ from tca_central.events import (
     Transmit,
 )
 from tca_central.inputs import events_of
-from tca_central.model.budget import MEMORY
+from tca_central.model.budget import MEMORY, TAP_DEPTH, TASK_DEPTH
 from tca_central.shell.door import Door
 from tca_central.shell.gate import Gate, gate_for
 from tca_central.shell.log_lines import LogLines
@@ -89,12 +89,12 @@ class Daemon:
 
     def __init__(
         self, central: Central, endpoint: str, *, lost_after: int = LOST_AFTER, gate: Gate | None = None,
-        memory: int = MEMORY,
+        memory: int = MEMORY, tap_depth: int = TAP_DEPTH, task_depth: int = TASK_DEPTH,
     ) -> None:  # fmt: skip
         """*lost_after*: seconds of silence from a process that stands still; 0: none are too many. Without a *gate*
-        everybody may come over TCP. *memory*: bytes of what modules send that are held.
+        everybody may come over TCP. *memory*: bytes of what modules send that are held; the others are limits, too.
         """
-        self._memory = memory
+        self._limits = memory, tap_depth, task_depth
         self.central = central
         self.log: RunLog | None = None
         self.goes_on_unrecorded = False  #: when the log can't be written any more
@@ -147,8 +147,9 @@ class Daemon:
     def serve(self) -> None:
         """Run until ``stopping`` says why to stop."""
         self._ask_gate()
-        if self.central.budget.total != self._memory:
-            self.take(MemorySet(self.now(), self._memory))
+        budget = self.central.budget
+        if (budget.total, budget.tap_depth, budget.task_depth) != self._limits:
+            self.take(LimitsSet(self.now(), *self._limits))
         while not self.stopping:
             patience = self._patience()
             if self._is_lively and patience > LIVELY:

@@ -36,7 +36,7 @@ from tca_wire.points import (
     TaskId,
 )
 from tca_wire.rules import CONDITIONS, DELIVERED, FAILURE, LISTENERS, REPLIED, SUCCESS, recurs_on_retry
-from tca_wire.vocabulary import Condition, Outcome, Refusal, Role
+from tca_wire.vocabulary import CENTRAL, Condition, Outcome, Refusal, Role
 
 MOST_TAPS = 1000
 """Wiretaps of one message or task."""
@@ -325,12 +325,8 @@ def fire_before(central: State, task: Task, taps: list[Wiretap]) -> None:
 
 def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delivery | None:
     """Send the listener of a tap, if anybody handles it."""
-    message = tap.listener
-    if not message.handlers and not message.message_class.is_monitor:
-        central.facts.append(facts.TapFired(tap.id, tapped.message_id, 0))
-        return None
-    body = data_for(message, body)
-    if message.message_class.is_task and central.keep_out(f"listener '{message.name}' of {tapped}", body):
+    message, body = tap.listener, data_for(tap.listener, body)
+    if not tap.is_heard or _is_kept_out(central, tap, tapped, body):
         central.facts.append(facts.TapFired(tap.id, tapped.message_id, 0))
         return None
     made: Delivery
@@ -342,6 +338,16 @@ def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delive
     tap.has_fired = isinstance(tap.place, Task)
     central.facts.append(facts.TapFired(tap.id, tapped.message_id, made.id))
     return made
+
+
+def _is_kept_out(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> bool:
+    """Whether there is no room for a listener, or there are too many in its chain. Says so in the journal."""
+    message = tap.listener
+    if max(tapped.tap_depth, central.tap_depth) >= central.budget.tap_depth:  # most are refused when they are sent
+        message.dropped += 1
+        central.facts.append(facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, central.end_of_taps(tap, tapped)))
+        return True
+    return message.message_class.is_task and central.keep_out(f"listener '{message.name}' of {tapped}", body)
 
 
 def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Task:

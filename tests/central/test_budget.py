@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from central.player import Player, point
 
-from tca_central.events import ConnectionId, ConnectionLost, MemorySet
+from tca_central.events import ConnectionId, ConnectionLost, LimitsSet
 from tca_central.invariants import check_invariants
 from tca_central.model import registry
 from tca_central.model.answers import REMEMBERED_ANSWERS
@@ -26,7 +26,7 @@ MEMORY = 1 << 20
 def of(*modules: str) -> Player:
     """A central that may hold a megabyte: half of it messages and tasks."""
     player = Player.of(*modules)
-    player.event(MemorySet(0.0, MEMORY))
+    player.event(LimitsSet(0.0, MEMORY, 8, 20_000))
     return player
 
 

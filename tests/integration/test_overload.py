@@ -1,6 +1,7 @@
 """Programs that want more of central than there is: real processes and a small budget."""
 
 import os
+import queue
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -14,7 +15,7 @@ from tca_central.core import Central as Core
 from tca_central.shell import server as shell
 from tca_central.shell.gate import OpenGate
 from tca_central.shell.server import Daemon
-from tca_module import Inform, Query, Refused, Variable, connect
+from tca_module import Command, Condition, Inform, Module, Query, Refused, Task, Variable, connect
 from tca_wire.packets.codec import pack, pack_item, unpack_to_module
 from tca_wire.packets.headers import PROTOCOL_VERSION, Ask, Bye, GetVariable, Hello, Register, Send
 from tca_wire.packets.parts import MessageFormat
@@ -154,3 +155,24 @@ def test_nobody_waits_while_central_hears_the_last_words_of_those_who_go(turns: 
     with line_to(turns, "user") as user:
         turns._hear_last_words()
         assert user.poll(0)
+
+
+def test_a_circle_of_listeners_ends_with_an_error(tmp_path: Path) -> None:
+    move, check = Command("move", int), Command("check", int)
+    with central(tmp_path, "--tap-depth", "2") as daemon:
+        robot = Module("robot", central=daemon.address)
+        errors: queue.Queue[str] = queue.Queue()
+
+        @robot.handles(check)
+        def _(task: Task, to: int) -> None:
+            sent = task.command(move, to)
+            try:
+                assert sent.id
+            except Refused as refused:
+                errors.put(refused.text)
+
+        robot.handles(move)(lambda *_: None)
+        with robot.running(), connect("user", daemon.address) as user:
+            user.tap(Condition.AFTER_HANDLED, move, check)
+            user.command(move, 1)
+            assert "--tap-depth" in errors.get(timeout=30)
