@@ -8,6 +8,8 @@ BIN := .venv/bin
 READY := .venv/ready
 # three: many wait for processes of their own, and two do not keep two cores busy
 AT_ONCE := -n 3 --dist loadfile
+# two: what is of the soak keeps a core busy each
+IN_PAIRS := -n 2 --dist loadfile
 
 .PHONY: demo test lint check bench soak compiled clean
 .DELETE_ON_ERROR:
@@ -31,7 +33,7 @@ bench: $(READY)
 	$(BIN)/python -m tca_bench
 
 soak: $(READY)
-	$(BIN)/python -m pytest -m "" --new-lives
+	$(BIN)/python -m pytest -m "" --new-lives $(IN_PAIRS)
 
 compiled: $(READY)
 	rm -rf build/wheel build/compiled

@@ -127,6 +127,7 @@ def _check_place(central: State, task: Task) -> None:
     assert parent is not None, f"{task}: no parent"
     assert _is_alive(central, parent), f"{task}: its parent is not in the tree"
     assert (parent.children or {}).get(task.id) is task, f"{task}: its parent does not know it"
+    assert task.depth == parent.depth + 1, f"{task}: {task.depth} deep"
     assert task.message.message_class.is_task, f"{task}: queries and informs are no tasks"
     assert (task.rare.guests if task.rare else 0) == sum(child.is_guest for child in children), f"{task}: guests"
     unplanned = sum(child.is_goal and not child.reached & END_PLANNING for child in children)

@@ -48,13 +48,17 @@ def compile_once(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)  # not all have xdist
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
-    """With ``--dist loadfile`` one worker runs all tests of the page: a browser costs as much as ten of them."""
+    """With ``--dist loadfile`` one worker runs all tests of the page: a browser costs as much as ten of them. The long
+    simulated lives, half of the soak in one file, are shared out.
+    """
     if config.getoption("dist") != "loadfile":
         return None
     from xdist.scheduler import LoadFileScheduling  # type: ignore[import-untyped]
 
     class OneBrowser(LoadFileScheduling):  # type: ignore[misc]
         def _split_scope(self, nodeid: str) -> str:
+            if "::test_many_lives[" in nodeid:
+                return nodeid
             return "tests/view" if nodeid.startswith("tests/view/") else super()._split_scope(nodeid)
 
     return OneBrowser(config, log)

@@ -258,7 +258,7 @@ def _ask_waiting(central: State, tap: Wiretap) -> None:
     for task in _waiting(central, tap):
         if tap not in to_be_fired(task, first_moments(task)):
             continue
-        if tap.listener.handlers or tap.listener.message_class.is_monitor:
+        if tap.is_heard:
             _hold_back(central, task)
         else:
             fire_before(central, task, [tap])
