@@ -6,7 +6,7 @@ from collections import defaultdict
 
 import pytest
 from central.test_random_lives import end_everything
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.life_of_states import LifeOfStates
 from properties.oracle_states import Reference
@@ -108,6 +108,7 @@ def test_everything_ends_where_handlers_reject_or_are_pre_empted(seed: int) -> N
 
 @pytest.mark.soak
 @given(st.integers(0, 1 << 32))
+@example(1406319357)  # a handler accepts with a goal of its own
 @settings(max_examples=150)
 def test_states_are_what_the_tables_say_in_many_lives(seed: int) -> None:
     judged(seed, 800)

@@ -52,6 +52,9 @@ class Followed:
         return next((one.name for one in self.cycle.transitions if (one.source, one.effect) == (state, effect)), "")
 
 
+WITH_DATA = {Party.CLIENT: (Effect.NEW_GOAL,), Party.SERVER: (Effect.RESULT, Effect.TAKE_GOAL)}
+
+
 class Reference:
     """All tasks."""
 
@@ -101,7 +104,7 @@ class Reference:
             return None if -1 < asked.serial < task.newest_of_client else Refusal.PROTOCOL
         if asked.by is Party.SERVER and task.cycle.is_over(row.target) and row.effect is not Effect.STOP:
             return Refusal.PROTOCOL  # a handler returns, or fails
-        if asked.body and row.effect is not (Effect.NEW_GOAL if asked.by is Party.CLIENT else Effect.RESULT):
+        if asked.body and row.effect not in WITH_DATA[asked.by]:
             return Refusal.PROTOCOL
         is_told = asked.takes is not None and asked.name in asked.takes
         if asked.by is Party.CLIENT and not is_told and not task.leads_to_an_answer(row.target):
@@ -160,8 +163,8 @@ class Reference:
             return
         else:
             goals = [body for one, number, body in task.open if body and (one, number, body) not in unseen]
-            if row.effect is Effect.TAKE_GOAL and goals:
-                task.goal = goals[-1]
+            if row.effect is Effect.TAKE_GOAL and (goal := asked.body or b"".join(goals[-1:])):
+                task.goal = goal  # the server may have made another one of what clients want
             task.open = []
             task.take(row.name, row.target)
         for one, number, body in unseen if is_first else ():
