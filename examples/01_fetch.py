@@ -1,11 +1,12 @@
-"""A goal that expands into commands, done one after the other.
+"""A goal that expands into commands, done one after the other; and one that fails on the way.
 
 Start ``tca central`` in one terminal and this in another; ``tca tree`` then draws what happened.
 """
 
-from tca_module import Command, Goal, Module, Task
+from tca_module import Command, Failure, Goal, Module, Task, TaskFailed
 
 FETCH, DRIVE, GRASP = Goal("fetch", str), Command("drive", str), Command("grasp", str)
+TOO_HEAVY = Failure("too heavy", str)
 robot = Module("robot")
 
 
@@ -21,8 +22,14 @@ def fetch(task: Task, thing: str) -> None:
 @robot.handles(GRASP)
 def act(task: Task, what: str) -> None:
     print(task.message, what)
+    if what == "piano":
+        raise TOO_HEAVY(what)
 
 
 if __name__ == "__main__":
     with robot.running():
-        robot.goal(FETCH, "cup").wait()
+        robot.goal(FETCH, "cup").result()
+        try:
+            robot.goal(FETCH, "piano").result()
+        except TaskFailed as failed:
+            print(failed)

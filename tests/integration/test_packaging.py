@@ -4,6 +4,7 @@ What they depend on is taken from the environment of the tests, so that nothing 
 """
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -107,3 +108,25 @@ def test_the_command_runs_a_central_and_reads_its_journal(python: Path, tmp_path
     with central(tmp_path, command=(str(tca), "central")) as daemon:
         run(python, "-c", ROBOT, cwd=tmp_path, TCA_CENTRAL=daemon.address)
     assert "move {1}" in run(tca, "tree", daemon.journal, cwd=tmp_path)
+
+
+@pytest.mark.slow
+def test_the_printed_lines_of_the_readme_work(python: Path, dist: Path, tmp_path: Path) -> None:
+    """``pip install .`` builds the wheel that is installed here; the other lines run as they are printed."""
+    readme = (ROOT / "README.md").read_text()
+    first, second = re.findall(r"^\$ (.*)$", readme, re.MULTILINE)
+    assert (first, second) == ("pip install .", "tca central")
+    program, printed, tree = re.findall(r"^```\w*\n(.*?)^```$", readme, re.MULTILINE | re.DOTALL)[1:4]
+    (tmp_path / "program.py").write_text(program)
+    with central(tmp_path, command=(str(python.with_name("tca")), "central")) as daemon:
+        said = run(python, "program.py", cwd=tmp_path, TCA_CENTRAL=daemon.address)
+    assert said == printed
+    drawn = run(python.with_name("tca"), "tree", daemon.journal, cwd=tmp_path)
+    assert shape_of(drawn) == shape_of(tree)
+
+
+def shape_of(tree: str) -> list[list[str]]:
+    """A drawn tree without its times."""
+    return [
+        [word for word in line.split() if not re.match(r"[\d.]+(-[\d.]+)?$", word)] for line in tree.splitlines()[1:]
+    ]

@@ -125,7 +125,7 @@ class FaultFigures:
 
 @dataclass(frozen=True, slots=True)
 class RuleFigures:
-    """How many rules a walk kept, of those of task-level control and its own, and what is to be said of the others."""
+    """How many rules a walk kept of those that it had a case of, general and its own; and remarks on the others."""
 
     kept: int
     number: int
@@ -286,8 +286,11 @@ def _rules(checked: CheckedRun) -> RuleFigures:
         return RuleFigures(0, number, ("not judged: a part of the journal can't be read",))
     idle = [judge for judge in checked.unbroken if judge.vacuous]
     broken = {each.rule: f"broken: {each.rule}: {each.what}" for each in reversed(checked.violations)}
-    others = (*reversed(broken.values()), *(f"says nothing: {judge.stated}: {judge.vacuous}" for judge in idle))
-    return RuleFigures(checked.rules_kept + len(checked.unbroken) - len(idle), number, others)
+    others = (
+        *reversed(broken.values()),
+        *(f"no case on this walk: {judge.stated} ({judge.vacuous})" for judge in idle),
+    )
+    return RuleFigures(checked.rules_kept + len(checked.unbroken) - len(idle), number - len(idle), others)
 
 
 def _histogram(slopes: Sequence[float]) -> dict[str, int]:
