@@ -95,13 +95,13 @@ class TaskWait(Stored):
 class PresenceWait(Stored):
     """A connection waits until each of some messages is handled, all at the same time."""
 
-    __slots__ = ("connection", "messages", "missing", "number", "promised")
+    __slots__ = ("connection", "messages", "missing", "number", "origin", "promised")
 
     def __init__(
-        self, connection: Connection, number: int, messages: Iterable[MessageType], promised: Iterable[str] = ()
+        self, connection: Connection, header: headers.WaitUntilHandled, messages: Iterable[MessageType]
     ) -> None:
-        self.connection, self.number = connection, number
-        self.promised = tuple(promised)  #: messages that will be handled when this wait is over
+        self.connection, self.number, self.origin = connection, header.number, header.origin
+        self.promised = tuple(header.promised)  #: messages that will be handled when this wait is over
         self.messages = tuple(messages)
         self.missing = sum(not message.serving for message in self.messages)  #: number of those that nobody handles
         for message in self.messages:
@@ -479,16 +479,20 @@ class State:
         self.facts.append(facts.Ignored(connection.module.name, text))
         self.accept(connection, number)
 
-    def block(self, connection: Connection, number: int, origin: int, *, brief: bool) -> None:
-        """A connection does nothing until the answer to this request is there; a *brief* wait is no deadlock."""
+    def block(
+        self, connection: Connection, number: int, origin: int, *, brief: bool, others: Iterable[int] = ()
+    ) -> None:
+        """A connection does nothing until this request, or one of *others*, is answered. *Brief*: it is no deadlock."""
+        numbers = (number, *others)
+        wait = Blocking(origin, self.events, self.clock.now, numbers if others else ())
         if brief:
-            connection.pauses[number] = Blocking(origin, self.events, self.clock.now)
+            connection.pauses.update(dict.fromkeys(numbers, wait))
         else:
-            self._block(connection, (number,), Blocking(origin, self.events, self.clock.now))
+            self._block(connection, numbers, wait)
 
     def block_coroutine(self, connection: Connection, numbers: tuple[int, ...], delivery: int) -> None:
         """The handler of a delivery does nothing until one of these answers is there; its connection does."""
-        self._block(connection, numbers, Blocking(delivery, self.events, self.clock.now, numbers))
+        self._block(connection, numbers, Blocking(delivery, self.events, self.clock.now, numbers, True))
 
     def _block(self, connection: Connection, numbers: tuple[int, ...], wait: Blocking) -> None:
         connection.waits.update(dict.fromkeys(numbers, wait))
@@ -497,9 +501,10 @@ class State:
 
     def unblock(self, connection: Connection, number: int) -> None:
         """End a wait: the answer is there, or nobody waits for it any more."""
-        if connection.pauses.pop(number, None) is not None:
-            return
-        if (wait := connection.waits.pop(number, None)) is not None:
+        if (wait := connection.pauses.pop(number, None)) is not None:
+            for other in wait.together:
+                connection.pauses.pop(other, None)
+        elif (wait := connection.waits.pop(number, None)) is not None:
             for other in wait.together:
                 connection.waits.pop(other, None)
             if not connection.waits:
@@ -508,7 +513,7 @@ class State:
     def unblock_coroutine(self, connection: Connection, delivery: int) -> None:
         """The handler of a delivery may go on."""
         waits = connection.waits.items()
-        found = next((number for number, wait in waits if wait.together and wait.origin == delivery), None)
+        found = next((number for number, wait in waits if wait.is_coroutine and wait.origin == delivery), None)
         if found is not None:
             self.unblock(connection, found)
 

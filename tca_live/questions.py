@@ -23,8 +23,8 @@ from tca_wire.waits import CommonEnd, Waiter, WaitKind
 
 _SHOWN = 20  # lines about what waits
 _LONGEST_VALUE = 60  # characters of a variable's value in a table
-_STATES = ("waits", "presence", "suspended", "killed", "held")
-"""The lists of waiters that central tells: messages and handlers; modules; suspended, killed and held tasks."""
+_STATES = ("waits", "suspended", "killed", "held")
+"""The lists of waiters that central tells: messages, handlers and modules; suspended, killed and held tasks."""
 
 Rows = list[list[str]]
 

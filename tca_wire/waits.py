@@ -22,6 +22,7 @@ class WaitKind(StrEnum):
     REPLY = "reply"  # its handler blocks until a query is answered
     TASK = "task"  # its handler blocks until a task reaches a moment
     LOCK = "lock"  # its handler blocks until it has a resource for itself
+    CHANGE = "change"  # its handler blocks until the state of a task changes, or it reports something
     RESUME = "resume"  # it is suspended
     RECOVERY = "recovery"  # an exception handler decides on it
     PRESENCE = "presence"  # a module waits until messages are handled
@@ -39,7 +40,7 @@ class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
     """The task, message or claim that is waited for. Of RUNNING 0 is the waiting task's own handler."""
     name: str = ""
     """Its name: "move leg"; of LOCK and LOCKED "lock" or "reservation"; of CONDITION the query that is asked, "" of a
-    demon monitor.
+    demon monitor; of CHANGE of no certain task "any move leg".
     """
     moment: int = 0
     """The moment that the task has to reach (a Moment); 0: its end, however it comes."""

@@ -124,7 +124,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "constraints": {"points"},
         "packets": {"constraints", "errors", "points", "vocabulary"},
         "messages": {"errors", "life_cycles", "packets", "vocabulary"},
-        "journal": {"constraints", "errors", "points", "vocabulary"},
+        "journal": {"constraints", "errors", "points", "vocabulary", "waits"},
         "text": {"constraints", "coordination", "errors", "journal", "messages", "points", "vocabulary", "waits"},
     },
     "tca_properties": {

@@ -121,7 +121,7 @@ OBJECTS: dict[type, str] = {
     Module: "called connections handlers incarnation is_ready keeps name principal process resources",
     ModuleResource: f"{_RESOURCE} busy delivered limits quick_runs replaced",
     PendingLimit: "most waiting",
-    Observation: "below connection message number states task_id",
+    Observation: "below connection is_awaited message number origin states task_id told",
     Observers: "count of_message of_task others",
     Queue: "_heap waiting",
     Permissions: "barred licences newest_licence outcome_owners rules",
@@ -161,7 +161,7 @@ OBJECTS: dict[type, str] = {
     Listening: "tap tapped",
     PendingDeadline: "moment seconds task",
     PendingKill: "delay scope task verdict",
-    PresenceWait: "connection messages missing number promised",
+    PresenceWait: "connection messages missing number origin promised",
     TaskWait: "connection moment number origin task_id",
     Watch: "activations began condition count fires holds is_over options parts since task timers waits_for",
 }

@@ -10,6 +10,7 @@ from tca_central.model.deliveries import Connection
 from tca_central.model.observers import Observation
 from tca_central.model.task_tree import Task
 from tca_central.state import State
+from tca_wire.journal import facts
 from tca_wire.life_cycles import GENERAL
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import Answer
@@ -41,7 +42,29 @@ def on_observe(central: State, connection: Connection, header: Observe, _: bytes
     central.observers.add(observation)
     for task in late:
         _send(central, observation, msgspec.msgpack.encode(_as_it_stands(task)), task.state)
+    observation.told += 1
     central.tell(connection, Answer(header.number, more=True))
+
+
+def begin_observers_wait(central: State, observation: Observation) -> None:
+    """Whoever observes does nothing, as far as is known, until there is news."""
+    if not observation.is_awaited:
+        observation.is_awaited = True
+        central.facts.append(facts.WaitBegan(*observation.wait))
+
+
+def end_observers_wait(central: State, observation: Observation) -> None:
+    """There is news, or nobody waits for it any more."""
+    if not observation.is_awaited:
+        return
+    connection, number = observation.connection, observation.number
+    wait = connection.pauses.get(number) or connection.waits.get(number)
+    central.unblock(connection, number)
+    others = wait.together if wait is not None and not wait.is_coroutine else ()  # a coroutine still awaits the others
+    for one in (observation, *map(connection.outstanding.get, others)):
+        if isinstance(one, Observation) and one.is_awaited:
+            one.is_awaited = False
+            central.facts.append(facts.WaitEnded(*one.wait))
 
 
 def _living(central: State, observation: Observation) -> list[Task]:
@@ -110,6 +133,7 @@ def tell(
         _send(central, one, encoded, task.state)
     if is_over:
         for one in [one for one in (*observers, *central.observers.others) if task.id in (one.task_id, one.below)]:
+            end_observers_wait(central, one)
             central.observers.remove(one)
             one.connection.outstanding.pop(one.number, None)
             central.send(one.connection, one.number, Answer(one.number))
@@ -117,6 +141,8 @@ def tell(
 
 def _send(central: State, observation: Observation, encoded: bytes, state: str) -> None:
     if not observation.states or state in observation.states:
+        end_observers_wait(central, observation)
+        observation.told += 1
         central.tell(observation.connection, Answer(observation.number, more=True), encoded)
 
 

@@ -52,7 +52,8 @@ class Blocking(NamedTuple):
     origin: int  #: the delivery whose handler waits (0: none)
     since: int  #: the event in which that began
     at: float  #: and its time
-    together: tuple[int, ...] = ()  #: of a coroutine: all that it awaits; it goes on when one of them is answered
+    together: tuple[int, ...] = ()  #: of several: all of them; it goes on when one of them is answered
+    is_coroutine: bool = False
 
 
 class Connection(Stored):

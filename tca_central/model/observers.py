@@ -6,17 +6,32 @@ from tca_central.model.deliveries import Connection
 from tca_central.model.stored import Stored
 from tca_central.model.task_tree import Task
 from tca_wire.packets.changes import Observe
+from tca_wire.points import TaskId
+from tca_wire.waits import WaitKind
 
 
 class Observation(Stored):
     """A connection is told of the states of one task, of a message's tasks, of those under a task, or of all."""
 
-    __slots__ = ("below", "connection", "message", "number", "states", "task_id")
+    __slots__ = ("below", "connection", "is_awaited", "message", "number", "origin", "states", "task_id", "told")
 
     def __init__(self, connection: Connection, header: Observe) -> None:
-        self.connection, self.number = connection, header.number
+        self.connection, self.number, self.origin = connection, header.number, header.origin
+        self.told = 0  #: answers
+        self.is_awaited = False  #: whoever observes does nothing, as far as is known, before the next one
         self.task_id, self.message, self.below = int(header.task), header.message, int(header.below)
         self.states = tuple(header.states)  #: only changes to one of these (none: to any)
+
+    @property
+    def subject(self) -> str:
+        """What it is about, where that is no certain task: "any move leg"."""
+        under = f" under {{{self.below}}}" if self.below else ""
+        return "" if self.task_id else f"any {self.message or 'task'}{under}"
+
+    @property
+    def wait(self) -> tuple[str, int, TaskId, int, WaitKind, str]:
+        """The wait for its news, as facts have it."""
+        return self.connection.module.name, self.origin, TaskId(self.task_id), 0, WaitKind.CHANGE, self.subject
 
     def wants(self, task: Task) -> bool:
         """Whether it is about that task."""

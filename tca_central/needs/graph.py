@@ -9,10 +9,12 @@ comes a None for whatever was looked at and holds nothing back; so a step never 
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 from typing import Any, NamedTuple
 
 from tca_central.model.deliveries import Connection, Delivery, ModuleResource
 from tca_central.model.intervals import SINGLE_MOMENTS, delivered_at
+from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.order.cycles import Each, Place, predecessors
@@ -27,6 +29,9 @@ from tca_wire.points import (
     START_PLANNING,
     STARTS,
 )
+
+MOST_OBSERVED = 1000
+"""Tasks that are looked at of those that are observed."""
 
 
 class Waiting(NamedTuple):
@@ -106,6 +111,30 @@ def _of_wait(central: State, node: Waiting, _: Each) -> Groups:
         yield [Granting(due)]
     elif isinstance(due, TaskWait) and (task := central.tree.tasks.get(due.task_id)) is not None:
         yield [Place(task, due.moment)]
+    elif isinstance(due, Observation) and (changes := _changes(central, due)):
+        yield changes
+
+
+def _changes(central: State, observation: Observation) -> list[Node]:
+    """What may bring the next news of certain tasks, each by its handler or by what it comes to; none if anything may:
+    a new task, a monitor's time, a retry. A client who asks for a change counts as little as one who kills.
+    """
+    tree, number = central.tree, observation.task_id or observation.below
+    top = tree.tasks.get(number)
+    if top is None:
+        return []
+    found = [top] if observation.task_id else list(islice(tree.subtree(top), MOST_OBSERVED + 1))
+    if len(found) > MOST_OBSERVED or any(one.retrying or one.message.message_class.is_monitor for one in found):
+        return []
+    return [_change(task) for task in found]
+
+
+def _change(task: Task) -> Node:
+    if task.slot is not None:
+        return Returning(task)
+    if task.queues:
+        return Turn(task)
+    return Place(task, END_ACHIEVING if task.reached & START_HANDLING else START_HANDLING)
 
 
 def _of_handler(_: State, node: Returning, each: Each) -> Groups:
@@ -117,11 +146,12 @@ def _of_handler(_: State, node: Returning, each: Each) -> Groups:
         given = slot.handling[node.delivery]
         awaited: tuple[int, ...] = ()
         for number, wait in each(slot.waits.items()):
-            if wait.together:
+            if wait.is_coroutine:
                 awaited = wait.together if wait.origin == node.delivery.given_as else awaited
                 yield None
             elif wait.since > given and (wait.origin or slot.unbegun is not node.delivery):
-                yield [Waiting(slot, number)]
+                group = wait.together or (number,)
+                yield [Waiting(slot, one) for one in group] if group[0] == number else None
         if awaited:
             yield [Waiting(slot, number) for number in awaited]
 

@@ -10,6 +10,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from tca_central.model.deliveries import Connection, Delivery
+from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim, Resource
 from tca_central.model.task_tree import Task
 from tca_central.needs.graph import (
@@ -216,7 +217,7 @@ def _of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
         return
     given = slot.handling[delivery]
     for number, wait in chain(slot.waits.items(), slot.pauses.items()):
-        if wait.origin == delivery.given_as if wait.together else wait.since > given:
+        if wait.origin == delivery.given_as if wait.is_coroutine else wait.since > given:
             yield from _of_request(central, slot, number, is_first=False)
 
 
@@ -233,6 +234,9 @@ def _of_request(central: State, connection: Connection, number: int, *, is_first
             yield _of_claim(central, due)
         case TaskWait() if (task := central.tree.tasks.get(due.task_id)) is not None:
             yield WaitFor(WaitKind.TASK, task.id, task.message.name, due.moment)
+        case Observation():
+            observed = central.tree.tasks.get(due.task_id)
+            yield WaitFor(WaitKind.CHANGE, due.task_id, due.subject or (observed.message.name if observed else ""))
         case PresenceWait():
             missing = [message for message in due.messages if not message.serving]
             yield from _compact(WaitFor(WaitKind.PRESENCE, name=message.name) for message in missing)

@@ -9,10 +9,14 @@ from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection
 from tca_central.outgoing.central_messages import broadcast_notice
 from tca_central.state import PresenceWait, State, presence_size
+from tca_wire.journal import facts
 from tca_wire.messages.notices import HANDLERS_CHANGED, HandlerCount
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer
+from tca_wire.points import ROOT, TaskId
+from tca_wire.text.measures import listed
 from tca_wire.vocabulary import Refusal
+from tca_wire.waits import WaitKind
 
 MOST_AWAITED = 1000
 """Messages in one request."""
@@ -29,12 +33,16 @@ def on_wait_until_handled(central: State, connection: Connection, header: header
             raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{name}': register it first")
     messages = [known[name] for name in dict.fromkeys(header.messages)]
     central.check_declared(presence_size(messages))
-    wait = PresenceWait(connection, header.number, messages, header.promised)
+    if all(message.serving for message in messages):
+        central.send(connection, header.number, Answer(header.number))
+        return
+    wait = PresenceWait(connection, header, messages)
     central.budget.awaited += wait.size
     connection.outstanding[header.number] = wait
-    if wait.missing and wait.promised:
+    central.facts.append(facts.WaitBegan(*_as_fact(wait)))
+    central.block(connection, header.number, header.origin, brief=True)  # no deadlock: somebody may come
+    if wait.promised:
         _warn_of_circle(central, wait)
-    _answer_if_over(central, wait)
 
 
 def _warn_of_circle(central: State, newest: PresenceWait) -> None:
@@ -71,10 +79,21 @@ def _held_by(
 
 def _answer_if_over(central: State, wait: PresenceWait) -> None:
     if not wait.missing:
-        wait.end()
-        central.budget.awaited -= wait.size
+        end_presence_wait(central, wait)
         del wait.connection.outstanding[wait.number]
         central.send(wait.connection, wait.number, Answer(wait.number))
+
+
+def end_presence_wait(central: State, wait: PresenceWait) -> None:
+    """All are handled, or nobody waits for that any more."""
+    wait.end()
+    central.budget.awaited -= wait.size
+    central.facts.append(facts.WaitEnded(*_as_fact(wait)))
+
+
+def _as_fact(wait: PresenceWait) -> tuple[str, int, TaskId, int, WaitKind, str]:
+    names = listed([message.name for message in wait.messages])
+    return wait.connection.module.name, wait.origin, ROOT, 0, WaitKind.PRESENCE, names
 
 
 def tell_changes(central: State) -> None:

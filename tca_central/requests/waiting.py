@@ -1,6 +1,10 @@
 """Modules wait for a moment of a task or for an answer; and waits that end without one."""
 
+from collections.abc import Callable
+from typing import Any
+
 from tca_central.errors import RequestError
+from tca_central.life_cycles.observing import begin_observers_wait, end_observers_wait
 from tca_central.locks.claims import give_up_claim
 from tca_central.model.budget import WAIT_BYTES
 from tca_central.model.deliveries import Connection, Delivery
@@ -8,6 +12,7 @@ from tca_central.model.intervals import checked_moment
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim
 from tca_central.needs.texts import end_of_wait
+from tca_central.outgoing.availability import end_presence_wait
 from tca_central.requests.replying import end_collector
 from tca_central.state import Collector, PresenceWait, State, TaskWait, dropped_fact
 from tca_wire.journal import facts
@@ -15,6 +20,7 @@ from tca_wire.messages.failures import DEADLOCK
 from tca_wire.packets import headers
 from tca_wire.vocabulary import Dropping, Refusal
 
+_AWAITED = (Delivery, Collector, TaskWait, Observation)
 _GIVEN_UP = {Dropping.GIVEN_UP: "its sender gave up", Dropping.DEADLOCK: DEADLOCK}
 
 
@@ -39,15 +45,30 @@ def on_await_point(central: State, connection: Connection, header: headers.Await
 
 
 def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
-    """A sender now waits for its answer. That is no suspect: its own resource may answer within the wait."""
-    if connection.untold:
+    """A sender now waits for answers, or no longer. If one is on its way it goes on by itself. A query is no suspect:
+    its own resource may answer within the wait.
+    """
+    numbers = (header.request, *header.others)
+    awaited = [connection.outstanding.get(number) for number in numbers]
+    observed = [one for one in awaited if isinstance(one, Observation)]
+    if connection.untold and not observed:
         central.tell_tasks(connection)
-    due = connection.outstanding.get(header.request)
-    if not isinstance(due, Delivery | Collector):
-        return
-    central.facts.append(facts.Awaited(due.id))
-    if header.blocking and header.request not in connection.waits:
-        central.block(connection, header.request, due.origin, brief=True)
+    if header.seen < 0:
+        for one in observed:
+            end_observers_wait(central, one)
+    elif sum(one.told for one in observed) == header.seen and all(isinstance(one, _AWAITED) for one in awaited):
+        _begin_waits(central, connection, header, awaited)
+
+
+def _begin_waits(central: State, connection: Connection, header: headers.Await, awaited: list[Any]) -> None:
+    for due in awaited:
+        if isinstance(due, Delivery | Collector):
+            central.facts.append(facts.Awaited(due.id))
+        elif isinstance(due, Observation):
+            begin_observers_wait(central, due)
+    if header.blocking and connection.waits.keys().isdisjoint((header.request, *header.others)):
+        brief = header.brief or isinstance(awaited[0], Delivery | Collector)
+        central.block(connection, header.request, awaited[0].origin, brief=brief, others=header.others)
 
 
 def on_await_any(central: State, connection: Connection, header: headers.AwaitAny, _: bytes) -> None:
@@ -60,7 +81,9 @@ def on_await_any(central: State, connection: Connection, header: headers.AwaitAn
 
 
 def _is_awaited(connection: Connection, number: int) -> bool:
-    return isinstance(connection.outstanding.get(number), Delivery | TaskWait) and number not in connection.waits
+    due = connection.outstanding.get(number)
+    is_awaited = isinstance(due, Delivery | TaskWait) or (isinstance(due, Observation) and due.is_awaited)
+    return is_awaited and number not in connection.waits
 
 
 # --- giving up -------------------------------------------------------------------------------------------------------
@@ -89,17 +112,14 @@ def give_up(
 ) -> None:
     """Forget that an answer is due; a query that no handler has yet is dropped. *where* it was, for the journal."""
     why = _GIVEN_UP[dropping]
-    central.unblock(connection, number)
     due = connection.outstanding.pop(number, None)
+    if (end := _ENDS.get(type(due))) is not None:
+        end(central, due)
+    central.unblock(connection, number)
     if isinstance(due, TaskWait):
         if (task := central.tree.tasks.get(due.task_id)) is not None:
             central.agenda.stop_waiting(task, due)
         central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
-    elif isinstance(due, PresenceWait):
-        due.end()
-        central.budget.awaited -= due.size
-    elif isinstance(due, Observation):
-        central.observers.remove(due)
     elif due is None or isinstance(due, Claim):
         give_up_claim(central, connection, number, why)
     elif isinstance(due, Collector):
@@ -109,6 +129,14 @@ def give_up(
         central.facts.append(facts.Dropped(due.id, due.message.name, why, where=where, dropping=dropping))
     elif isinstance(due, Delivery):
         _abandon(central, due, (dropped_fact(due, why, where, dropping),))
+
+
+def _stop_observing(central: State, observation: Observation) -> None:
+    end_observers_wait(central, observation)
+    central.observers.remove(observation)
+
+
+_ENDS: dict[type, Callable[[State, Any], None]] = {PresenceWait: end_presence_wait, Observation: _stop_observing}
 
 
 def _abandon(central: State, delivery: Delivery, dropped: tuple[facts.Dropped, ...]) -> None:

@@ -16,7 +16,7 @@ from tca_central.model.task_tree import Task
 from tca_central.needs.graph import Granting, Node, Returning, Turn, TurnAt, Waiting
 from tca_central.needs.waits import Ends, next_of, waits_of
 from tca_central.order.holds import has_held_start
-from tca_central.state import PresenceWait, State
+from tca_central.state import State
 from tca_wire.points import ROOT, START_HANDLING
 from tca_wire.waits import CommonEnd, Waiter, WaitFor, WaitKind
 
@@ -51,7 +51,6 @@ def load(central: State) -> dict[str, Any]:
         "held": [_held_task(central, task, ends) for task in held[:SHOWN_WAITS]],
         "suspended": suspended[:SHOWN_WAITS],
         "killed": _killed(central),
-        "presence": _presence(central),
         "ends": [CommonEnd(number, end) for end, number in common.most_common(_ENDS)],
         "totals": {"waits": len(waits), "held": len(held), "suspended": len(suspended)},
         "memory": _memory(central),
@@ -187,16 +186,6 @@ def _suspended(central: State) -> list[Waiter]:
         _waiter(central, task, since, (WaitFor(WaitKind.RESUME, module=by, seconds=since, since_birth=is_born_so),))
         for task, since, by, is_born_so in noted
         if task.parent is None or not task.parent.suspended
-    ]
-
-
-def _presence(central: State) -> list[Waiter]:
-    """Modules that wait until messages are handled."""
-    return [
-        Waiter(module=connection.module.name, waits=tuple(waits_of(central, Waiting(connection, number))))
-        for connection in central.registry.connections.values()
-        for number, due in connection.outstanding.items()
-        if isinstance(due, PresenceWait)
     ]
 
 

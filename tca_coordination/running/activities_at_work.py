@@ -14,7 +14,7 @@ from tca_coordination.preview.decide import EarlyWork, Present, WorkPhase
 from tca_coordination.running.facts import KnownFacts
 from tca_coordination.running.failures import FailureNotes
 from tca_coordination.running.work import ActivityTask, StartedActivity
-from tca_module import Change, Task
+from tca_module import Change, SentTask, Task
 from tca_module.log import log_of
 from tca_wire.coordination import RoleChange, TaskRole
 
@@ -63,6 +63,11 @@ class ActivitiesAtWork:
     def is_over(self) -> bool:
         """Whether nothing runs any more, and nothing is to be undone."""
         return all(work.is_over for work in self._all()) and not any(self._undoable())
+
+    @property
+    def living(self) -> list[SentTask[Any]]:
+        """The tasks that have not ended."""
+        return [task.sent for work in self._all() for task in work.tasks if not task.is_over]
 
     def present(self, state: int, situation: Situation, *, is_new: bool) -> Present:
         """How the run stands in that state. *is_new*: nothing has been decided in it."""

@@ -102,7 +102,7 @@ class CoordinationRun:
         if not self._is_over():
             due = self._work.kill_due
             timeout = None if due is None else max(0.0, due - self._task.time())
-            self._task.wait_until(lambda: bool(self._heard), timeout)
+            self._task.wait_until(lambda: bool(self._heard), timeout, on=self._work.living)
         self._failed_at_once.clear()
         while self._heard:
             self._heard.popleft()()

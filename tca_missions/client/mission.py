@@ -20,9 +20,10 @@ from tca_missions.client.steps import Steps
 from tca_missions.client.stopping import LOOKS_EVERY, Stopping
 from tca_missions.client.task_handle import TaskHandle, check_handles
 from tca_missions.outcomes import TaskEnd
-from tca_module import CentralLost, Command, MisuseError, Refused, Task, TcaError, Timeout, checks, wait_for_any
+from tca_module import CentralLost, Command, MisuseError, Refused, Task, TcaError, Timeout, checks
 from tca_module.checks import check
 from tca_module.link.opening import CentralAddress
+from tca_module.sending.any_task import first_ended
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -257,7 +258,10 @@ class BaseMission:
     def _hear(self, tasks: Sequence[TaskHandle], timeout: float) -> bool:
         """Wait until something has happened that may end a wait for *tasks*; False if nothing has in time."""
         awaited = {task.sent: task for task in [*tasks, *self._running.values()]}
-        ended = wait_for_any(list(awaited), timeout, until=lambda: self._is_verified() or self._lost(tasks))
+        is_certain = not self._conditions and timeout >= LOOKS_EVERY
+        ended = first_ended(
+            list(awaited), timeout, lambda: self._is_verified() or self._lost(tasks), brief=not is_certain
+        )
         for sent in ended:
             awaited[sent].note_end()  # type: ignore[index]  # one of those
         for task in self._lost(tasks):

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from tca_module.errors import CentralLost, Refused
+from tca_module.errors import CentralLost, Deadlock, Refused
 from tca_module.link.connection import Connection
 from tca_module.session.epoch_numbers import with_epoch
 from tca_module.session.request import Request
@@ -21,7 +21,7 @@ from tca_wire.packets.changes import Observe
 from tca_wire.packets.parts import StateChange
 from tca_wire.points import TaskId
 from tca_wire.text.measures import numbered
-from tca_wire.vocabulary import Party
+from tca_wire.vocabulary import Party, Refusal
 
 MOST_UNREAD = 10_000
 """Changes that wait to be read; the oldest beyond that count as missed."""
@@ -126,6 +126,11 @@ class Observation:
         self._is_held = True
         self._request.notify = self._take_in
 
+    @property
+    def request(self) -> Request:
+        """The request, as it stands."""
+        return self._request
+
     # --- reading -----------------------------------------------------------------------------------------------------
 
     @property
@@ -167,6 +172,9 @@ class Observation:
         if not is_there():
             try:
                 yield from self.connection.until_over(self._request, self._what, lambda: self._settles(is_there))
+            except Deadlock as error:
+                self._on_error(error)
+                raise
             except CentralLost:
                 self._have_been_told()
                 raise
@@ -186,10 +194,10 @@ class Observation:
             self.connection.attend()
 
     def _on_error(self, error: BaseException) -> None:
-        """A wait has ended with an error: it has given the request up. So it begins anew: now, if functions are called,
-        else when somebody looks.
+        """A wait has ended with an error: it has given the request up, or central has, because it could never end. So
+        it begins anew: now, if functions are called, else when somebody looks.
         """
-        self._is_given_up = not self._request.is_over
+        self._is_given_up = not self._request.is_over or isinstance(error, Deadlock)
         if self._is_given_up and self._is_held:
             with suppress(CentralLost):
                 self._is_given_up, self._request = False, self._ask()
@@ -238,7 +246,9 @@ class Observation:
                 self._on_change(_decode(body))
             elif answer.more:
                 self._on_all_told()
-        if self._is_held and self._request.has_failed:
+        refused = self._request.refused
+        is_refused_wait = refused is not None and refused.refusal is Refusal.DEADLOCK  # who waits hears it
+        if self._is_held and self._request.has_failed and not is_refused_wait:
             self._is_held = False
             try:
                 self.check()

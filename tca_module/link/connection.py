@@ -8,15 +8,16 @@ import contextlib
 import math
 import threading
 import time
-from collections.abc import Awaitable, Callable, Generator, Iterable
+from collections.abc import Awaitable, Callable, Generator, Iterable, Sequence
 from typing import Any
 
-from tca_module.checks import TIMEOUT, check, check_message
+from tca_module.checks import BRIEF, TIMEOUT, check, check_message
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped, Timeout
 from tca_module.link.arrivals import Arrivals
 from tca_module.link.one_process import OfOneProcess
 from tca_module.link.packet_line import SEND_WAIT, STEP, PacketLine
+from tca_module.link.told_wait import ToldWait
 from tca_module.link.turns import Turns
 from tca_module.link.wait_loop import WaitLoop
 from tca_module.log import log_of
@@ -27,7 +28,7 @@ from tca_module.session.sent_tasks import SentId
 from tca_module.session.session import Session, quiet_within
 from tca_module.sockets.transport import Transport
 from tca_wire.messages.declarations import Message
-from tca_wire.packets.changes import ChangeState
+from tca_wire.packets.changes import ChangeState, Observe
 from tca_wire.packets.headers import Await, Bye, Register, Release, Send, ToCentral, Unregister
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId
@@ -285,10 +286,10 @@ class Connection(OfOneProcess):
 
     def wait(
         self, request: Request, timeout: float | None, what: object, is_over: Callable[[], bool] | None = None,
-        since: float | None = None,
+        since: float | None = None, told: ToldWait | None = None,
     ) -> bool:  # fmt: skip
-        """Wait until a request is over, or *is_over* says that enough has come; whether it did in time. *since*: when
-        this wait began, if it goes on with one.
+        """Wait until a request is over, or *is_over* says that enough has come; whether it did in time. *since*, *told*
+        when this wait began, and as what, if it goes on with one.
 
         Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long; in a handler
         once TaskKilled if its task was killed, and once Stopped if its module ends.
@@ -299,7 +300,10 @@ class Connection(OfOneProcess):
             try:
                 if timeout != 0 and request.is_unannounced:
                     self.announce(request)
-                came = is_done() or self.waiting.unless_woken(is_done, timeout, what, request, since=since)
+                is_followed = timeout != 0 and isinstance(request.header, Observe)
+                with told or ToldWait(self, [request] * is_followed, timeout is not None and timeout < BRIEF) as wait:
+                    is_told = wait.until(is_done)
+                    came = is_done() or self.waiting.unless_woken(is_told, timeout, what, request, since=since)
             except CentralLost as error:
                 self.abandon(request)
                 raise CentralLost(f"{error}; {what} {self.session.fate_of(request)}") from None
@@ -327,8 +331,10 @@ class Connection(OfOneProcess):
             raise MisuseError(msg)
         self.announce(request, blocking=False)
         try:
-            while not is_done():
-                yield from self.await_news(request)
+            with ToldWait(self, [request] * isinstance(request.header, Observe), brief=False, blocking=False) as told:
+                is_told = told.until(is_done)
+                while not is_told():
+                    yield from self.await_news(request)
         except BaseException:
             if is_over is None:
                 self.abandon(request)
@@ -507,14 +513,17 @@ class Connection(OfOneProcess):
         with self._lock:
             self.waiting.unless_woken(lambda: False, seconds, what)
 
-    def wait_until(self, is_over: Callable[[], bool], what: object, moment: float | None = None) -> bool:
+    def wait_until(
+        self, is_over: Callable[[], bool], what: object, moment: float | None = None, on: Sequence[Request] = ()
+    ) -> bool:
         """Wait until *is_over*, at most until a *moment* of the transport's clock; whether it is. ``call_soon`` has it
-        look again. Raises what ``wait`` does.
+        look again, and so has news of what is waited *on*, of which central is told. Raises what ``wait`` does.
         """
         self.check_thread()
         with self._lock:
             self.line.catch_up()
-            return self.waiting.in_turn(is_over, what, math.inf if moment is None else moment)
+            with ToldWait(self, on, brief=True) as told:
+                return self.waiting.in_turn(told.until(is_over), what, math.inf if moment is None else moment)
 
     def call_soon(self, function: Callable[[], None]) -> None:
         """Have the thread of this connection call a function in its present or next wait; from any thread."""

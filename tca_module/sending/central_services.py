@@ -292,7 +292,7 @@ class CentralServices:
             why = self._connection().silence or "central had not heard of them yet"
             raise Timeout(f"the wait for handlers was not over within {timeout:g} s: {why}") from None
         connection = self._declare(*messages)
-        wanted = WaitUntilHandled(0, [message.name for message in messages], [])
+        wanted = WaitUntilHandled(0, [message.name for message in messages], [], self._origin)
         request = connection.request(wanted, wants_answer=True, is_awaited=True)
         if not connection.wait(request, left, "the wait for handlers"):
             connection.abandon(request)

@@ -1,6 +1,6 @@
 """The Task that a handler gets: the message being handled, and a Sender for its subtasks."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from typing import Any, TypeVar
 
@@ -141,16 +141,20 @@ class Task(Sender, SteerableTask, HandledTask):
         connection.wait_until(lambda: False, f"the sleep of {self}", moment)
         return None
 
-    def wait_until(self, is_over: Callable[[], bool], timeout: float | None = None) -> bool:
+    def wait_until(
+        self, is_over: Callable[[], bool], timeout: float | None = None, *, on: Iterable[TaskRef] = ()
+    ) -> bool:
         """Wait until *is_over*, at most *timeout* seconds of ``time()``; whether it is. Otherwise like ``sleep``.
 
-        It looks when ``wake()`` was called, from any thread: a driver's, for example.
+        It looks when ``wake()`` was called, from any thread: a driver's, for example. Central takes that for work of
+        the handler's own; with *on* for a wait for changes of these tasks.
         """
         what = f"wait_until() of {self}"
         check(what, checks.TIMEOUT, timeout=timeout)
         connection = self._own_connection()
         connection.transport.waker()
-        return connection.wait_until(is_over, what, None if timeout is None else self.time() + timeout)
+        observed = [task._followed().observation.request for task in on]  # noqa: SLF001 - a wait for many is made of each
+        return connection.wait_until(is_over, what, None if timeout is None else self.time() + timeout, observed)
 
     def wake(self) -> None:
         """Have ``wait_until()`` look again; from any thread, at any time."""

@@ -39,7 +39,7 @@ class Request:
 
     __slots__ = ("__weakref__", "accepted", "after", "answers", "body", "by", "epoch", "gone", "header",
                  "is_announced", "is_over", "lost", "mark", "notify", "number", "path", "refused", "repeated",
-                 "settled", "taken", "wakes", "wants_answer", "was_sent", "what")  # fmt: skip
+                 "seen", "settled", "taken", "wakes", "wants_answer", "was_sent", "what")  # fmt: skip
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
         self.header = header
@@ -49,6 +49,7 @@ class Request:
         self.epoch = ""  #: of the central that it was sent to last
         self.repeated = False  #: was sent more than once
         self.is_over = False
+        self.seen = 0  #: answers of one that goes on, since it was sent
         self.is_announced = False  #: central knows that the sender, who went on, now waits for the answer
         self.accepted: EpochNumber | None = None  #: the id of the task or message that it became
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()

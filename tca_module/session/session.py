@@ -130,7 +130,7 @@ class Session:
         return request
 
     def _send(self, request: Request) -> None:
-        request.was_sent, request.epoch, request.mark = True, self.epoch, self._posted
+        request.was_sent, request.epoch, request.mark, request.seen = True, self.epoch, self._posted, 0
         self.outgoing.append((request.header, request.body))
 
     def adopt(self, request: Request) -> None:
@@ -509,6 +509,7 @@ class Session:
                     self._locks[header.number] = request
                 self.end(request)
             else:
+                request.seen += 1
                 self._tell_of(request)
 
     def _tell_of(self, request: Request) -> None:

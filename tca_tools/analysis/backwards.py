@@ -20,8 +20,10 @@ from tca_tools.run.at_time import RunAt
 from tca_tools.run.coordinators import ends_waited_for
 from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
+from tca_tools.why.waits import has_come
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Role
+from tca_wire.waits import WaitKind
 
 
 @dataclass(slots=True)
@@ -79,8 +81,9 @@ class Causes:
     def _in_handler(self, at: _At, handling: Handling) -> _Back:
         """Back to where the handler last resumed, or else began."""
         if (over := self._over.get(id(handling))) is None:
-            waits = [*handling.waits, *ends_waited_for(self._run, handling)]
-            over = self._over[id(handling)] = self._as_ended(waits)
+            ends = ends_waited_for(self._run, handling)
+            own = (wait for wait in handling.waits if not (ends and wait.kind is WaitKind.CHANGE))  # any news wakes it
+            over = self._over[id(handling)] = self._as_ended([*own, *ends])
         place = bisect_right(over, at.time, key=_END)
         start, wait = over[place - 1][1:] if place else (handling.start, None)
         before = _At(start, wait.awaited, wait=wait) if wait else _At(start, handling.message_id)
@@ -90,12 +93,17 @@ class Causes:
 
     def _as_ended(self, waits: Sequence[HandlerWait], *, is_outside: bool = False) -> list[_Over]:
         """Waits that are over, as they ended. What takes no time is over with the event that begins it; but a program
-        outside of handlers that looks so at the end of a task had to wait until that came.
+        outside of handlers that looks so at the end of a task had to wait until that came. A wait in vain for a change
+        let nothing go on, nor did one that another's end had ended, of the first of several tasks.
         """
         found: list[_Over] = []
         ended = [(wait.end, wait) for wait in waits if wait.end is not None]
         for end, wait in sorted(ended, key=_END):
-            since = end
+            if wait.kind is WaitKind.PRESENCE:
+                continue  # who came is told nowhere
+            since, is_in_vain = end, not has_come(self._run, wait)
+            if is_in_vain and (wait.kind is WaitKind.CHANGE or (found and found[-1][0] >= wait.start)):
+                continue
             if wait.start == end:
                 task = self._run.tasks.get(wait.awaited) if is_outside and wait.moment else None
                 since = task.time_of(wait.moment) if task is not None and wait.moment else end

@@ -77,7 +77,7 @@ def _before(run: Run, step: PathStep) -> Before | None:
             return Before(words.LOCK, place(called(module), resource), start, step.start, holder)
         return Before(words.QUEUE, place(module, resource), start, step.start) if module else None
     wait = step.resumed
-    if wait is None or wait.moment or message is None or step.doing is not Doing.WORK:
+    if wait is None or wait.moment or not wait.awaited or message is None or step.doing is not Doing.WORK:
         return None
     if message.message_class.has_reply:
         return None  # the questions that a reply needs itself are part of the wait for it

@@ -12,7 +12,7 @@ from tca_tools.run.records import HandlerWait, Queueing, Suspension, Task, TaskS
 from tca_tools.run.whole_run import Run
 from tca_tools.why.keepers import Keepers, WaitPart, parts_in_queue, parts_of_claim
 from tca_tools.why.wait_words import of_claim, of_queueing, wait_for
-from tca_tools.why.waits import NO_TIME, of_handler_wait, told_waits
+from tca_tools.why.waits import NO_TIME, has_come, of_handler_wait, told_waits
 from tca_wire.text.facts_in_words import by_whom
 from tca_wire.text.measures import run_time
 from tca_wire.text.waits_in_words import causes_in_words, in_words
@@ -26,6 +26,8 @@ KINDS = {
     WaitKind.HANDLER: "Messages that nobody handled",
     WaitKind.REPLY: "Handlers that waited for replies",
     WaitKind.TASK: "Handlers that waited for tasks",
+    WaitKind.CHANGE: "Handlers that waited for changes of tasks",
+    WaitKind.PRESENCE: "Handlers that waited until messages were handled",
 }
 """The kinds of waits that are counted, as headings."""
 
@@ -164,6 +166,6 @@ def is_in_vain(run: Run, wait: HandlerWait) -> bool:
     claim, task, query = run.claims.get(wait.awaited), run.tasks.get(wait.awaited), run.messages.get(wait.awaited)
     if claim is not None:
         return claim.granted is None or claim.granted > wait.end
-    if wait.moment:
-        return task is not None and task.time_of(wait.moment) > wait.end
+    if task is not None:
+        return not has_come(run, wait)
     return query is not None and query.was_given_up

@@ -1,7 +1,7 @@
 """How busy each resource was, and how long its queue. Pure."""
 
 from bisect import bisect_right
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 
@@ -101,11 +101,23 @@ def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], st
     lines = clipped((one.start, one.end) for one in queued)
     longest_queue = most_at_once(lines)
     longest_wait = max((until - since for since, until in lines), default=0.0)
-    locks = clipped((claim.granted or claim.start, claim.end) for claim in run.granted(*key))
+    locks = clipped(_locked_while_there(run, key))
     return Use(
         key, place(*key), capacity, len(handled), busy, waiting, share, len(queued), _length(lines), longest_queue,
         longest_wait, Cover(locks).total, (start, end),
     )  # fmt: skip
+
+
+def _locked_while_there(run: Run, key: Key) -> Iterator[tuple[float, float | None]]:
+    """When a resource was locked. A lock is one of all copies of a module: of each as long as it was connected."""
+    module = run.modules.get(key[0])
+    joined = (module.joined if module is not None else ()) or [(0.0, None)]
+    for claim in run.granted(*key):
+        for since, until in joined:
+            ends = [one for one in (claim.end, until) if one is not None]
+            start = max(claim.granted or claim.start, since)
+            if not ends or min(ends) > start:
+                yield start, min(ends, default=None)
 
 
 def _length(spans: list[Span]) -> float:

@@ -22,6 +22,7 @@ from tca_wire.points import (
 )
 from tca_wire.rules import PARENT_FIRST, rules_of
 from tca_wire.vocabulary import Role
+from tca_wire.waits import WaitKind
 
 _REACHED = [f"reached {', '.join(describe_moments(moments))}" for moments in range(ALL_MOMENTS + 1)]
 
@@ -132,9 +133,12 @@ def _end(world: JournalWorld, item: MessageRecord) -> None:
 
 
 def wait_began(world: JournalWorld, fact: facts.WaitBegan) -> None:
-    """A module waits for a moment of a task."""
-    item = world.items.get(fact.task)
-    waits = world.waits.setdefault((fact.module, fact.origin, fact.task), [])
+    """A module waits for a moment of a task; or for changes, which its end is at the latest; or for other things."""
+    item, moment = world.items.get(fact.task), fact.moment if fact.awaits is WaitKind.TASK else END_ACHIEVING
+    waits = world.waits.setdefault(fact.key, [])
+    if not fact.task:
+        waits.append(0)
+        return
     if item is None or item.is_over:
         if fact.task not in world.over and world.item(fact.task, "was waited for") is None:
             return
@@ -142,16 +146,15 @@ def wait_began(world: JournalWorld, fact: facts.WaitBegan) -> None:
         what = f"'{fact.module}' waits for {world.name(fact.task)}, which is over"
         world.expect(lambda: not waits, rules.WAITS, fact.task, what)
         return
-    waits.append(fact.moment)
-    item.waiters.append((fact.module, fact.origin, fact.moment))
-    if item.reached & fact.moment:
+    waits.append(moment)
+    item.waiters.append((fact.module, fact.origin, moment))
+    if item.reached & moment:
         world.later.append(lambda: check_waits(world, item))
 
 
 def wait_ended(world: JournalWorld, fact: facts.WaitEnded) -> None:
     """A wait for a moment is over: the moment is reached, or the module gave up."""
-    key = (fact.module, fact.origin, fact.task)
-    waits = world.waits.get(key, [])
+    waits = world.waits.get(fact.key, [])
     item = world.items.get(fact.task)
     if not waits:
         if world.is_whole or (world.first and fact.task >= world.first):
@@ -165,7 +168,7 @@ def wait_ended(world: JournalWorld, fact: facts.WaitEnded) -> None:
     run = run or waits[0]
     waits.remove(run)
     if not waits:
-        del world.waits[key]
+        del world.waits[fact.key]
     if item is not None and (fact.module, fact.origin, run) in item.waiters:
         item.waiters.remove((fact.module, fact.origin, run))
 

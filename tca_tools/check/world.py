@@ -58,7 +58,7 @@ class JournalWorld:
         self.taps_before: dict[str, dict[int, facts.TapAdded]] = {}  #: those that hold, by message
         self.attached: dict[int, facts.Attached] = {}
         self.invocations_at_root: dict[int, int] = {}  #: how often each attachment was called there
-        self.waits: dict[tuple[str, int, int], list[int]] = {}  #: by module, origin and task: for which moments
+        self.waits: dict[tuple[str, int, int, str, str], list[int]] = {}  #: by who and for what: moments
         self.classes: dict[str, MessageClass] = {}  #: of the declared messages
         self.formats: dict[str, str] = {}  #: of their data, as JSON Schema
         self.lives = LifeDeclarations()  #: of their tasks

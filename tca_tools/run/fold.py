@@ -30,9 +30,10 @@ from tca_tools.run.records import (
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
-from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, MOMENTS
+from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, MOMENTS, Moment
 from tca_wire.text.facts_in_words import called
 from tca_wire.vocabulary import Dropping, Outcome, Role
+from tca_wire.waits import WaitKind
 
 _MOMENT_OF = {int(moment): moment for moment in MOMENTS}
 """By plain bits, since combining members of an IntFlag costs a microsecond each."""
@@ -64,7 +65,7 @@ class History(ReactionFold):
         self._running: dict[tuple[str, str], dict[int, Handling]] = {}
         self._reply_waits: dict[int, HandlerWait] = {}
         self._claim_waits: dict[int, HandlerWait] = {}
-        self._task_waits: dict[tuple[str, int, int], list[HandlerWait]] = {}
+        self._task_waits: dict[tuple[str, int, int, str, str], list[HandlerWait]] = {}
         self._offered: dict[tuple[str, str], Offer] = {}
 
     @classmethod
@@ -387,16 +388,18 @@ class History(ReactionFold):
 
     def _wait_began(self, fact: facts.WaitBegan) -> None:
         moment = next((moment for bit, moment in _MOMENT_OF.items() if fact.moment & bit), None)
-        wait = self._wait(HandlerWait(fact.task, self.time, moment), fact.module, fact.origin)
-        self._task_waits.setdefault((fact.module, fact.origin, fact.task), []).append(wait)
+        if fact.awaits is WaitKind.CHANGE and fact.task:
+            moment = Moment.END_ACHIEVING  # the last change
+        begun = HandlerWait(fact.task, self.time, moment, kind=fact.awaits, name=fact.name)
+        wait = self._wait(begun, fact.module, fact.origin)
+        self._task_waits.setdefault(fact.key, []).append(wait)
 
     def _wait_ended(self, fact: facts.WaitEnded) -> None:
-        key = (fact.module, fact.origin, fact.task)
-        waits = self._task_waits.pop(key, [])
+        waits = self._task_waits.pop(fact.key, [])
         if waits:
             self._stop_waiting(waits.pop())
         if waits:  # another thread of the module waits for the same
-            self._task_waits[key] = waits
+            self._task_waits[fact.key] = waits
 
     def _claimed(self, fact: facts.Claimed) -> None:
         known = (fact.id, fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin, self.time)

@@ -19,6 +19,7 @@ from tca_wire.life_cycles import Effect
 from tca_wire.points import ALL_MOMENTS, MOMENTS, ROOT, Moment, Point, TaskId
 from tca_wire.text.facts_in_words import kill_reason, place, state_change
 from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Party, Role, Scope
+from tca_wire.waits import WaitKind
 
 
 class TaskState(StrEnum):
@@ -104,7 +105,9 @@ def lately(spans: Sequence[_Span], time: float) -> list[_Span]:
 
 @dataclass(slots=True)
 class HandlerWait(Span):
-    """A handler blocks: for the reply to message *awaited*, until task *awaited* reaches a moment, or for a claim."""
+    """A handler blocks: for the reply to message *awaited*, until task *awaited* reaches a moment, or for a claim; or
+    for a change of task *awaited*, or for what *name* says (0).
+    """
 
     awaited: int
     start: float
@@ -112,6 +115,9 @@ class HandlerWait(Span):
     end: float | None = None
     by: "Handling | str" = field(default="", repr=False, compare=False)
     """The run of a handler that waits, or the module where it does outside of any."""
+    kind: WaitKind = WaitKind.TASK
+    """CHANGE, PRESENCE; or TASK, also of a reply or a claim."""
+    name: str = ""
 
 
 @dataclass(slots=True)

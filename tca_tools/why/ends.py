@@ -20,8 +20,8 @@ MOST = 100
 _TOLD = 20
 """Things that many wait for."""
 _RANKS = (
-    WaitKind.CIRCLE, WaitKind.HANDLER, WaitKind.RESUME, WaitKind.LOCKED, None, WaitKind.DELAY, WaitKind.RUNNING,
-    WaitKind.CONDITION,
+    WaitKind.CIRCLE, WaitKind.HANDLER, WaitKind.RESUME, WaitKind.LOCKED, None, WaitKind.DELAY, WaitKind.PRESENCE,
+    WaitKind.CHANGE, WaitKind.RUNNING, WaitKind.CONDITION,
 )  # fmt: skip
 """Why something waits for nothing else, in the order in which it is told: what stands first, monitors that watch last.
 None: for something that the journal does not tell.

@@ -323,8 +323,8 @@ def awaited(run: Run, wait: HandlerWait) -> str:
 
 def _plain(run: Run, wait: HandlerWait) -> WaitFor:
     """The thing a handler waited for, without where that was."""
-    kind = WaitKind.TASK if wait.moment else WaitKind.REPLY
-    return WaitFor(kind, wait.awaited, run.name(wait.awaited), int(wait.moment or 0))
+    kind = of_handler_wait(run, wait).kind
+    return WaitFor(kind, wait.awaited, wait.name or run.name(wait.awaited), int(wait.moment or 0))
 
 
 def _wait(at: RunAt, wait: HandlerWait) -> Sentence:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import msgspec
 
 from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import OVER, Claim, EventAhead, Hold, Message, Queueing, TaskState
+from tca_tools.run.records import OVER, Claim, EventAhead, HandlerWait, Hold, Message, Queueing, TaskState
 from tca_tools.why.ends import MOST, End, Ends
 from tca_tools.why.keepers import Keepers, kept_out
 from tca_tools.why.wait import Wait
@@ -77,7 +77,8 @@ def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
         return _of_condition(at, number)
     is_own_handler = kind is WaitKind.RUNNING and wait.holds
     moment = 0 if however and kind is WaitKind.SUBTASK else wait.on.moment
-    return WaitFor(kind) if is_own_handler else WaitFor(kind, number, at.run.name(number), moment)
+    name = (isinstance(record, HandlerWait) and record.name) or at.run.name(number)
+    return WaitFor(kind) if is_own_handler else WaitFor(kind, number, name, moment)
 
 
 def _of_constraint(at: RunAt, kind: WaitKind, hold: Hold) -> WaitFor:

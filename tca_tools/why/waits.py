@@ -79,7 +79,7 @@ _OF_POINTS = (
     WaitKind.CONSTRAINT, WaitKind.SUBTASK, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.RECOVERY, WaitKind.LOCK,
     WaitKind.RESUME,
 )  # fmt: skip
-_LEAVES = (WaitKind.HANDLER, WaitKind.DELAY, WaitKind.CONDITION, WaitKind.RUNNING)
+_LEAVES = (WaitKind.HANDLER, WaitKind.DELAY, WaitKind.CONDITION, WaitKind.RUNNING, WaitKind.PRESENCE)
 
 _START, _SINCE = attrgetter("start"), itemgetter(0)
 
@@ -114,9 +114,21 @@ def _of_message(run: Run, message: Message, time: float | None = None) -> Iterat
 
 
 def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
-    """The wait of a handler or program for a reply, a task or a lock."""
-    kind = WaitKind.TASK if wait.moment else WaitKind.LOCK if wait.awaited in run.claims else WaitKind.REPLY
+    """The wait of a handler or program for a reply, a task or a lock; or for a change, or for handlers."""
+    kind = wait.kind
+    if kind is WaitKind.TASK and not wait.moment:
+        kind = WaitKind.LOCK if wait.awaited in run.claims else WaitKind.REPLY
     return Wait(wait.start, wait.until, kind, Node(wait.awaited, int(wait.moment or 0)), _ENDS, wait, wait.start)
+
+
+def has_come(run: Run, wait: HandlerWait) -> bool:
+    """Whether what a handler waited for a task for had come when the wait was over; True if it is no certain task."""
+    task = run.tasks.get(wait.awaited)
+    if task is None or wait.end is None:
+        return task is None
+    if wait.kind is WaitKind.CHANGE:
+        return wait.end in task.times or any(one.time == wait.end for one in task.life or ())
+    return wait.moment is None or task.time_of(wait.moment) <= wait.end
 
 
 def node_of(run: Run, handling: Handling) -> Node:
@@ -350,7 +362,7 @@ def _kept(at: RunAt, node: Node) -> _Kept:
 
 def _is_leaf(wait: Wait) -> bool:
     is_own = isinstance(wait.record, Suspension) and wait.record.cause == wait.record.task
-    return wait.kind in _LEAVES or is_own
+    return wait.kind in _LEAVES or is_own or (wait.kind is WaitKind.CHANGE and not wait.on.number)
 
 
 def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float) -> tuple[list[Wait], list[Node]]:
@@ -413,6 +425,9 @@ def further(at: RunAt, wait: Wait) -> list[Node]:
     if wait.kind is WaitKind.TASK:
         task = at.run.tasks.get(wait.on.number)
         return [wait.on] if task is not None and task.time_of(wait.on.moment) > at.moment else []
+    if wait.kind is WaitKind.CHANGE:
+        is_there = wait.on.number in at.run.tasks and at.tasks[TaskId(wait.on.number)].state not in OVER
+        return [next_node(at, wait.on.number)] if is_there else []
     if wait.kind is WaitKind.REPLY:
         message = at.run.messages.get(wait.on.number)
         return [next_node(at, message.id)] if message and message.received <= at.moment else []

@@ -14,8 +14,9 @@ from tca_wire.constraints import Constraint
 from tca_wire.journal.causes import Cause
 from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.vocabulary import CENTRAL, Condition, Dropping, MessageClass, Outcome, Party, Refusal, Role, Scope
+from tca_wire.waits import WaitKind
 
-JOURNAL_VERSION = 5
+JOURNAL_VERSION = 6
 """Goes up whenever a fact or an entry changes. Journals of a version before ``OLDEST_READ`` are refused."""
 OLDEST_READ = 4
 LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
@@ -27,9 +28,6 @@ class _Fact(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The base of all facts: an array whose first element is the kind. No fact refers to itself, so none is garbage
     that Python has to look for (``gc``): a journal is read faster.
     """
-
-
-# --- the journal ------------------------------------------------------------------------------------------------------
 
 
 class Opened(_Fact, frozen=True, tag="opened"):
@@ -401,21 +399,26 @@ class Awaited(_Fact, frozen=True, tag="awaited"):
     id: int
 
 
-class WaitBegan(_Fact, frozen=True, tag="wait began"):
-    """The handler of delivery *origin* (0: code outside a handler) of a module blocks until a task reaches a moment."""
-
+class _WaitFact(_Fact, frozen=True):
     module: str
     origin: int
     task: TaskId
-    moment: int
+    moment: int = 0
+    awaits: WaitKind = WaitKind.TASK
+    name: str = ""
+
+    @property
+    def key(self) -> tuple[str, int, int, str, str]:
+        """Who waits, and for what: the same at the beginning and at the end."""
+        return self.module, self.origin, self.task, self.awaits, self.name
 
 
-class WaitEnded(_Fact, frozen=True, tag="wait ended"):
-    """Such a wait ended."""
+class WaitBegan(_WaitFact, frozen=True, tag="wait began"):
+    """A handler (delivery *origin*; 0: none) waits for a *moment* of a task, its CHANGE, or for what *name* says."""
 
-    module: str
-    origin: int
-    task: TaskId
+
+class WaitEnded(_WaitFact, frozen=True, tag="wait ended"):
+    """Such a wait ended. Of what moment it was is not said."""
 
 
 class Claimed(_Fact, frozen=True, tag="claimed"):
@@ -593,7 +596,4 @@ class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
 def kind_of(fact: Fact | type[Fact]) -> str:
     """The word that names a fact's kind: "received"; as people read it, not always as journals have it."""
     tag = str(fact.__struct_config__.tag)
-    return _SAID.get(tag, tag)
-
-
-_SAID = {"timed out": "delay over"}  # nothing has failed
+    return "delay over" if tag == "timed out" else tag  # nothing has failed

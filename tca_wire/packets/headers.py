@@ -29,7 +29,7 @@ from tca_wire.packets.routes import Barred, Entrance, EntranceGone, Noted, Route
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Condition, Outcome, Refusal, Scope
 
-PROTOCOL_VERSION = 6
+PROTOCOL_VERSION = 7
 """Goes up whenever a header changes: who speaks another one is refused, and told so."""
 
 
@@ -192,13 +192,21 @@ class GiveUp(_Header, frozen=True, tag=9):
 
 class Await(_Header, frozen=True, tag=26):
     """The sender of query or multi-query *request*, who went on, now waits for its answer; or that of a *quiet* task
-    for its id. Nothing else answers this.
+    for its id; or that of Observe for news. Nothing else answers this.
     """
 
     request: int
     blocking: bool = True
     """The sender's connection does nothing else meanwhile; a coroutine lets it do other things."""
     origin: int = 0
+    others: Annotated[list[int], MANY] = []
+    """Further requests: the sender waits for the first answer to any of them."""
+    brief: bool = False
+    """As in Send; a query that was fetched late is always waited for like that."""
+    seen: int = 0
+    """The number of answers that the sender has got to these, as far as they are Observe: if there are more on their
+    way, it does not wait. -1: it waits no longer.
+    """
 
 
 class Kill(_Header, frozen=True, tag=10):
@@ -429,6 +437,7 @@ class WaitUntilHandled(_Header, frozen=True, tag=22):
     messages: Annotated[list[str], MANY]
     promised: Annotated[list[str], MANY] = []
     """The messages that the sender will handle as soon as all those are."""
+    origin: int = 0
 
 
 class GoOn(_Header, frozen=True, tag=54):

@@ -9,6 +9,7 @@ from tca_wire.journal import facts
 from tca_wire.journal.causes import Cause, ConnectionLost, Keeper, TimeOver
 from tca_wire.points import ROOT, Point, describe_moments
 from tca_wire.vocabulary import CENTRAL, Due, Scope
+from tca_wire.waits import WaitKind
 
 _COMMAND = "tca "
 """The first part of the module names of command-line tools: "tca kill"."""
@@ -203,8 +204,10 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Awaited: lambda say, fact: f"the answer to {say.name(fact.id)}",
     facts.WaitBegan: lambda say, fact: (
         f"{say.sender(fact.module, fact.origin)} until {_moments(fact.moment)} of {say.name(fact.task)}"
+        if fact.awaits is WaitKind.TASK
+        else f"{say.sender(fact.module, fact.origin)} for {_awaited(say, fact)}"
     ),
-    facts.WaitEnded: lambda say, fact: f"{say.sender(fact.module, fact.origin)} for {say.name(fact.task)}",
+    facts.WaitEnded: lambda say, fact: f"{say.sender(fact.module, fact.origin)} for {_awaited(say, fact)}",
     facts.Claimed: Wording.claim,
     facts.Granted: lambda say, fact: say.name(fact.id),
     facts.ClaimEnded: lambda say, fact: f"{say.name(fact.id)}: {fact.why}",
@@ -238,6 +241,10 @@ def fields_of(fact: facts.Fact) -> dict[str, object]:
         fields["moments"] = describe_moments(fact.moments)
     elif isinstance(fact, facts.WaitBegan | facts.DeadlineSet):
         fields["moment"] = ", ".join(describe_moments(fact.moment))
+    if isinstance(fact, facts.WaitBegan | facts.WaitEnded):  # of the one for a task only that is told
+        fields = {name: value for name, value in fields.items() if value or name == "origin"}
+        if fact.awaits is WaitKind.TASK:
+            del fields["awaits"]
     return fields
 
 
@@ -311,6 +318,11 @@ def _copy_of(fact: facts.Failed | facts.Dropped) -> str:
 def _seconds(seconds: float) -> str:
     """To the millisecond, without noughts: ``3 s``, ``507.915 s``."""
     return f"{round(seconds, 3) if seconds >= 0.001 else seconds:.12g} s"
+
+
+def _awaited(say: Wording, fact: facts.WaitBegan | facts.WaitEnded) -> str:
+    what = {WaitKind.CHANGE: "a change of ", WaitKind.PRESENCE: "handlers of "}.get(fact.awaits, "")
+    return what + (fact.name or say.name(fact.task))
 
 
 def _moments(moments: int) -> str:

@@ -223,7 +223,7 @@ def _running(waits: Waits) -> str:
 
 _TOGETHER = frozenset((
     WaitKind.CONSTRAINT, WaitKind.SUBTASK, WaitKind.TASK, WaitKind.HANDLER, WaitKind.PRESENCE, WaitKind.REPLY,
-    WaitKind.RUNNING,
+    WaitKind.RUNNING, WaitKind.CHANGE,
 ))  # fmt: skip
 """Kinds of which several are told in one clause."""
 
@@ -244,6 +244,7 @@ _WORDS: dict[WaitKind, Callable[[Waits], str]] = {
     WaitKind.RECOVERY: lambda waits: (
         f"until {_names(waits) if waits[0].number else 'somebody'} has dealt with its failure"
     ),
+    WaitKind.CHANGE: lambda waits: f"for a change of {_names(waits)}",
     WaitKind.PRESENCE: _handler,
     WaitKind.CONDITION: _condition,
     WaitKind.RUNNING: _running,

@@ -7,8 +7,9 @@ from properties.folded import Folding
 from properties.test_deadlocks import Blocking, waits_in
 
 from tca_central.model.deliveries import Connection, Delivery
+from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim
-from tca_central.state import Collector, TaskWait
+from tca_central.state import Collector, PresenceWait, TaskWait
 from tca_tools.run.fold import History
 from tca_wire.packets import headers
 from tca_wire.points import Moment
@@ -16,7 +17,7 @@ from tca_wire.points import Moment
 numbers = st.integers(0, 50)
 steps = st.lists(
     st.tuples(
-        st.sampled_from(["send", "ask", "ask all", "ask and go on", "fetch", "fetch", "wait", "lock", "give up", "return",
+        st.sampled_from(["send", "ask", "ask all", "ask and go on", "fetch", "fetch", "wait", "lock", "follow", "be there", "give up", "return",
                          "return", "kill", "suspend", "lose"]),
         numbers, numbers, numbers,
     ), max_size=40,
@@ -65,10 +66,15 @@ class Told(Folding, Blocking):
         elif what == "lock":
             wanted = headers.Lock(self.number(name), "abc"[b % 3], "", c % 3 == 0, origin, blocking=True, brief=brief)
             self.receive(name, wanted)
+        elif what == "be there":
+            self.receive(name, headers.WaitUntilHandled(self.number(name), ["missing"], origin=origin))
         elif what in ("give up", "lose"):
             self.end(what, b, c)
         else:
             super().do(what, a, b, c)
+
+    def blocks(self, by: Delivery | None) -> bool:
+        return True
 
     def ask(self, name: str, origin: int, what: str, b: int, *, brief: bool) -> None:
         if what == "ask all":
@@ -96,8 +102,10 @@ class Told(Folding, Blocking):
 def awaited(slot: Connection, number: int) -> int:
     """The id of the message, task or claim that a connection waits for."""
     due = slot.outstanding[number]
-    assert isinstance(due, Delivery | Collector | Claim | TaskWait)
-    return int(due.task_id if isinstance(due, TaskWait) else due.id)
+    if isinstance(due, PresenceWait):
+        return 0
+    assert isinstance(due, Delivery | Collector | Claim | TaskWait | Observation)
+    return int(due.task_id if isinstance(due, TaskWait | Observation) else due.id)
 
 
 def blocking(taken: list[tuple[str, int, int, int]]) -> Told:

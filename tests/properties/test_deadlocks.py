@@ -16,9 +16,11 @@ from hypothesis import strategies as st
 from tca_central.core import Central
 from tca_central.deadlock import deadlocks
 from tca_central.model.deliveries import Connection, Delivery
+from tca_central.model.task_tree import Task
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import RequestRefused
 from tca_wire.packets import headers
+from tca_wire.packets.changes import Observe
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Refusal
 
@@ -29,7 +31,7 @@ COROUTINES = "c"
 
 numbers = st.integers(0, 50)
 steps = st.lists(
-    st.tuples(st.sampled_from(["send", "send", "ask", "ask", "wait", "await", "await", "lock", "constrain", "return",
+    st.tuples(st.sampled_from(["send", "send", "ask", "ask", "wait", "any", "follow", "follow", "await", "await", "lock", "constrain", "return",
                                "kill", "suspend", "give up"]), numbers, numbers, numbers), max_size=30,
 )  # fmt: skip
 
@@ -72,12 +74,15 @@ class Blocking(Player):
             constraints = (before(point(task.id, list(Moment)[c % 6]), point(-1, list(Moment)[a % 6])),) if task else ()
             self.send(who, names[b % 3], under=parent, flags=flags, constraints=constraints * (c % 5 == 0))
         elif what == "ask":
-            blocks = delivery is None or not is_coroutine(delivery)
+            blocks = self.blocks(delivery)
             self.send(who, ("where", "look", "pose")[b % 3], origin=origin, blocking=blocks)
         elif what == "wait" and task:
-            blocks = delivery is None or not is_coroutine(delivery)
+            blocks = self.blocks(delivery)
             header = headers.AwaitPoint(self.number(who), point(task.id, list(Moment)[c % 6]), origin, blocking=blocks)
             self.receive(who, header)
+        elif what in ("follow", "any") and tasks:
+            followed = [tasks[b % len(tasks)], tasks[c % len(tasks)]][: 1 + a % 2]
+            self._wait_for(who, delivery, followed, what, is_below=c % 3 == 0)
         elif what in ("await", "give up"):
             self._await(what, b, c)
         elif what == "lock":
@@ -95,13 +100,30 @@ class Blocking(Player):
         assert delivery.slot
         who, waits = delivery.slot.id.decode(), delivery.slot.waits
         if what == "give up":
-            for number in [number for number, wait in waits.items() if wait.together][:1]:
+            for number in [number for number, wait in waits.items() if wait.is_coroutine][:1]:
                 self.receive(who, headers.GiveUp(number))
         elif not waits_in(delivery.slot, delivery):
             for name in ("where", "look", "pose")[b % 3 :][: 1 + c % 2]:
                 self.send(who, name, origin=delivery.given_as)
             asked = [number for number in delivery.slot.outstanding if number not in waits]
             self.receive(who, headers.AwaitAny(delivery.given_as, asked[-1 - c % 3 :]))
+
+    def _wait_for(self, who: str, by: Delivery | None, tasks: list[Task], what: str, *, is_below: bool) -> None:
+        """A wait for the first news of tasks, or of what is under them; or for the first to end."""
+        asked, origin = [], by.given_as if by else 0
+        for task in tasks:
+            number, place = self.number(who), point(task.id, Moment.END_ACHIEVING)
+            about = (TaskId(0), "", task.id) if is_below else (TaskId(task.id), "", TaskId(0))
+            following = Observe(number, *about, origin=origin)
+            self.receive(who, following if what == "follow" else headers.AwaitPoint(number, place, origin))
+            asked.append(number)
+        outstanding = self.central.registry.connections[who.encode()].outstanding  # type: ignore[index]
+        seen = sum(outstanding[number].told for number in asked) if what == "follow" else 0
+        self.receive(who, headers.Await(asked[0], self.blocks(by), origin, asked[1:], seen=seen))
+
+    def blocks(self, by: Delivery | None) -> bool:
+        """Whether the thread of a handler waits with it."""
+        return by is None or not is_coroutine(by)
 
     def _steer(self, what: str, a: int, b: int, c: int) -> None:
         """The operator does something; he never waits."""
@@ -150,7 +172,7 @@ def free_handlers(central: Central) -> list[Delivery]:
 def waits_in(slot: Connection, delivery: Delivery) -> bool:
     """Whether a handler waits: for an answer that its thread blocks for, or a coroutine for one of several."""
     return any(
-        wait.origin == delivery.given_as if wait.together else wait.since > slot.handling[delivery]
+        wait.origin == delivery.given_as if wait.is_coroutine else wait.since > slot.handling[delivery]
         for wait in slot.waits.values()
     )
 

@@ -252,6 +252,18 @@ def test_a_resource_of_several_slots_and_one_that_was_locked() -> None:
     assert near(use.capacity, use.busy, use.share, use.locked) == (2, 6.0, 0.3, 2.0)
 
 
+def test_a_lock_of_copies_lasts_for_each_while_it_is_there() -> None:
+    story = Story().at(1.0).module("legs", "move").module("legs#2", "move", resource="legs")
+    for number, name in enumerate(["legs", "legs#2"]):
+        story.at(2.0 + number).delivered(move := story.command("move", "user"), name, "legs").at(2.5 + number).returned(
+            move
+        )
+    story.at(4.0).say(facts.Claimed(50, "legs", "legs", False, "eye", 0), facts.Granted(50))
+    story.at(5.0).say(facts.ModuleLeft("legs#2", "it said goodbye"))
+    story.at(9.0).say(facts.ClaimEnded(50, "released"))
+    assert {use.key[0]: round(use.locked, 6) for use in uses(story.fold(), 1.0, 11.0)} == {"legs": 5.0, "legs#2": 1.0}
+
+
 def test_spans() -> None:
     spans = [(0.0, 4.0), (1.0, 2.0), (3.0, 6.0), (8.0, 8.0)]
     assert list(levels(spans)) == [(0.0, 1), (1.0, 2), (2.0, 1), (3.0, 2), (4.0, 1), (6.0, 0)]

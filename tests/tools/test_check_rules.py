@@ -26,6 +26,7 @@ from tca_wire.constraints import Constraint, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, kind_of
 from tca_wire.packets import headers
+from tca_wire.packets.changes import Observe
 from tca_wire.packets.parts import MessageFormat, WatchOptions
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
@@ -149,6 +150,21 @@ def test_a_reply_that_was_there_is_waited_for() -> None:
     assert _told(story) == []
     story.at(2.0).returned(where).say(facts.Answered(where)).at(3.0).say(facts.Awaited(where))
     assert _told(story) == [rules.ENDED.text]
+
+
+@pytest.mark.parametrize("missing", [facts.WaitBegan, facts.WaitEnded])
+def test_a_wait_for_changes_begins_and_ends(missing: type[facts.Fact]) -> None:
+    player = Player()
+    player.module("legs", "command move")
+    player.module("user")
+    task = player.task("user", "move")
+    player.receive("user", Observe(number := player.number("user"), TaskId(task)))
+    player.receive("user", headers.Await(number, seen=2))  # how it stands, and that this is all
+    player.reply("legs/1")
+    entries = [OPENED, *player.entries]
+    assert checked(entries) == []
+    left = [replace(entry, facts=[one for one in entry.facts if not isinstance(one, missing)]) for entry in entries]
+    assert {violation.rule for violation in checked(left)} == {rules.WAITS.text}
 
 
 def test_a_delay_that_is_cut_short() -> None:

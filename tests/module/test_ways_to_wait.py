@@ -1,0 +1,187 @@
+"""Every way to wait: central shows it, the tools list it, the check holds it, and a deadlock through it is found.
+
+``WAYS`` has one row for each. A new way to wait gets a row here. Not in it: ``sleep``, ``wait_until`` without ``on``,
+and waits for a client's request: by choice these are a handler's own work (decision 103).
+"""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+import msgspec
+import pytest
+from module.real_central import SOON, until
+from tools.runs import OPENED, checked
+
+from tca_missions import Environment, Mission, OnceTask, Status, TaskEnd, TaskServer
+from tca_module import Client, Command, Inform, Module, MultiQuery, Query, SentTask, Task, wait_for_any
+from tca_module.serving import coroutine_waits
+from tca_module.testing import LocalCentral
+from tca_tools.run.at_time import RunAt
+from tca_tools.run.fold import History
+from tca_tools.why.wait_words import told
+from tca_tools.why.waits import waits_of
+from tca_wire.journal import facts
+from tca_wire.vocabulary import Refusal
+from tca_wire.waits import Waiter, WaitKind
+
+WAIT, OTHER = Command("wait"), Command("other", int, result=TaskEnd, progress=str)
+BACK, ASKED, ALL = Query("back", reply=int), Query("asked", reply=int), MultiQuery("all", reply=int)
+MISSING = Inform("missing")
+
+
+async def _all(changes: Any) -> None:
+    async for _ in changes:
+        pass
+
+
+async def _ended(waited: Any) -> None:
+    await waited
+
+
+def _mission(on: "Stage") -> None:
+    with Mission("slow", under=on.task, central=on.central) as mission:
+        mission.finish(mission.start_command(OTHER, 2, "other"))
+
+
+class Nothing(OnceTask[Environment]):
+    """A server offers at least one task."""
+
+    def iterate(self) -> None:
+        pass
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to wait for the task *other*, for the module that handles it, or for something else."""
+
+    name: str
+    wait: Callable[["Stage"], Any]
+    kind: WaitKind
+    target: str = "other"
+    closes: bool = True  # it may close a circle
+    is_async: bool = False
+
+
+WAYS = [
+    Way("wait", lambda on: on.other.wait(), WaitKind.TASK),
+    Way("wait with a timeout", lambda on: on.other.wait(timeout=SOON), WaitKind.TASK),
+    Way("wait for a point", lambda on: on.other.wait_for(on.other.handling.end), WaitKind.TASK),
+    Way("result", lambda on: on.other.result(), WaitKind.TASK),
+    Way("wait for any", lambda on: wait_for_any([on.other]), WaitKind.TASK),
+    Way("await a task", lambda on: _ended(on.other), WaitKind.TASK, is_async=True),
+    Way("next change", lambda on: on.other.next_change(), WaitKind.CHANGE),
+    Way("changes", lambda on: list(on.other.changes()), WaitKind.CHANGE),
+    Way("progress", lambda on: next(on.other.progress(), None), WaitKind.CHANGE),
+    Way("wait for a state", lambda on: on.other.wait_for_state("done"), WaitKind.CHANGE),
+    Way("update", lambda on: on.other.update(2), WaitKind.CHANGE),
+    Way("observe a task's own", lambda on: list(on.task.observe(below=on.task.ref)), WaitKind.CHANGE, "any task under"),
+    Way("observe a message", lambda on: list(on.task.observe(OTHER)), WaitKind.CHANGE, "any other", closes=False),
+    Way("await changes", lambda on: _all(on.other.changes()), WaitKind.CHANGE, is_async=True),
+    Way("await progress", lambda on: _all(on.other.progress()), WaitKind.CHANGE, is_async=True),
+    Way("await an update", lambda on: _ended(on.other.update_send(2)), WaitKind.CHANGE, is_async=True),
+    Way("wait until, on a task", lambda on: on.task.wait_until(lambda: False, on=[on.other]), WaitKind.CHANGE,
+        closes=False),
+    Way("query", lambda on: on.task.query(ASKED), WaitKind.REPLY, "asked"),
+    Way("fetch a reply", lambda on: on.task.query_send(ASKED).receive(), WaitKind.REPLY, "asked", closes=False),
+    Way("notify", lambda on: on.task.query_notify(ASKED, None, lambda *_: None).wait(), WaitKind.REPLY, "asked", closes=False),
+    Way("ask all", lambda on: on.task.multi_query(ALL), WaitKind.REPLY, "all", closes=False),
+    Way("await a query", lambda on: _ended(on.task.query_send(ASKED)), WaitKind.REPLY, "asked", is_async=True),
+    Way("lock", lambda on: on.task.lock("other", "other"), WaitKind.LOCK, "lock"),
+    Way("reserve", lambda on: on.task.reserve("other", "other"), WaitKind.LOCK, "reservation"),
+    Way("wait until handled", lambda on: on.task.wait_until_handled(MISSING), WaitKind.PRESENCE, "missing",
+        closes=False),
+    Way("mission", _mission, WaitKind.TASK, "other"),
+]  # fmt: skip
+
+
+class Stage:
+    """A handler that waits in one *way* for another, which waits for the test, or for what the first has to handle."""
+
+    task: Task
+    other: SentTask[TaskEnd]
+
+    def __init__(self, way: Way, central: LocalCentral, *, in_circle: bool) -> None:
+        self.way, self.central, self.in_circle, self.go_on = way, central, in_circle, threading.Event()
+        self.waiter, self.server = Module("waiter", central), Module("other", central)
+        self.offering = TaskServer("slow", Environment(), [Nothing], central=central)
+        self.waiter.handles(BACK, resource="waiter")(lambda _: 1)
+        self.waiter.handles(WAIT, resource="waiter")(self._await if way.is_async else self._wait)
+        for message in (ASKED, ALL):
+            self.server.handles(message, resource="other")(self._stand)
+        self.server.handles(OTHER, resource="other", takes=["update"])(lambda task, _: self._end(task))
+
+    @contextmanager
+    def waits(self, user: Client) -> Iterator[SentTask[None]]:
+        """In this block the handler waits."""
+        with self.offering.running(), self.server.running(), self.waiter.running():
+            waiting = user.command(WAIT)
+            try:
+                yield waiting
+            finally:
+                self.go_on.set()
+                waiting.kill("the test ends")
+                waiting.wait(SOON)
+
+    def _end(self, task: Task) -> TaskEnd:
+        self._stand(task)
+        return TaskEnd(Status.COMPLETED)
+
+    def _stand(self, task: Task) -> int:
+        if self.in_circle:
+            return task.query(BACK)
+        assert self.go_on.wait(SOON)
+        return 1
+
+    def _begin(self, task: Task) -> None:
+        with task.parallel():
+            self.task, self.other = task, task.command(OTHER, 1)
+        self.other.wait_for_state("running")
+
+    def _wait(self, task: Task) -> None:
+        self._begin(task)
+        self.way.wait(self)
+
+    async def _await(self, task: Task) -> None:
+        self._begin(task)
+        await self.way.wait(self)
+
+
+@pytest.fixture(autouse=True)
+def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(coroutine_waits, "BRIEF", 0.02)  # seconds until a coroutine that stands is told of
+
+
+def _each(ways: list[Way]) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("way", ways, ids=lambda way: way.name.replace(" ", "_"))
+
+
+@_each(WAYS)
+def test_a_wait_is_shown_with_its_target(way: Way, central: LocalCentral, user: Client) -> None:
+    stage = Stage(way, central, in_circle=False)
+
+    def is_shown() -> bool:
+        waiters = msgspec.convert(user.status("load")["waits"], list[Waiter])
+        waits = [wait for one in waiters if one.number == waiting.id for wait in one.waits]
+        return any(wait.kind is way.kind and wait.name.startswith(way.target) for wait in waits)
+
+    with stage.waits(user) as waiting:
+        until(is_shown, f"{way.name} is shown")
+        run = History.until(central.entries[:])
+        found = [one for one in waits_of(run, waiting.id) if one.kind is way.kind and one.end == inf]
+        assert [told(RunAt(run), [one])[0].name.startswith(way.target) for one in found] == [True]
+    left = History.until(central.entries).handlings
+    assert [wait for handling in left for wait in handling.waits if wait.end is None] == []
+    assert not checked([OPENED, *central.entries])
+
+
+@_each([way for way in WAYS if way.closes])
+def test_a_deadlock_through_a_wait_is_found(way: Way, central: LocalCentral, user: Client) -> None:
+    refused = facts.RequestRefused
+    with Stage(way, central, in_circle=True).waits(user):
+        until(
+            lambda: any(isinstance(one, refused) and one.refusal is Refusal.DEADLOCK for one in central.facts), way.name
+        )
