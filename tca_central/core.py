@@ -398,6 +398,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Remove: attaching.on_remove,
     headers.Raise: failures.on_raise,
     headers.Retry: failures.on_retry,
+    headers.Resolve: failures.on_resolve,
     headers.Suspend: steering.on_suspend,
     headers.Deadline: steering.on_deadline,
     headers.Inspect: topics.on_inspect,

@@ -311,12 +311,13 @@ class State:
         self.tell(slot, headers.Recall([delivery.given_as for delivery in slot.resource.ahead]))
 
     def outcome(self, task: Task) -> tuple[Outcome, str, str, bytes]:
-        """A task's outcome, failure's name, text, and data or result. A failure that was dealt with is only named."""
+        """A task's outcome, failure's name, text, and data or result. A failure that was resolved is only named."""
         if task.failure is not None:
             failure, text, body = task.failure
-            if task.is_dealt_with and not task.killed:
-                return Outcome.DONE, failure, text, task.result
-            return Outcome.FAILED, failure, text, body
+            if not task.is_dealt_with:
+                return Outcome.FAILED, failure, text, body
+            if not task.killed:
+                return Outcome.RESOLVED, failure, text, task.result
         if task.killed:
             return Outcome.KILLED, "", task.killed, b""
         return Outcome.DONE, "", "", task.result

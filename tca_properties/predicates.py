@@ -120,6 +120,9 @@ being_achieved = MessageState(
     "being achieved", lambda one: one.is_being_achieved, "its achieving has started and has not ended"
 )
 achieved = MessageState("achieved", lambda one: one.is_achieved, "it was achieved with the last event")
+resolved = MessageState(
+    "resolved", lambda one: one.is_done_after_failure, "with the last event it was done, after a failure"
+)
 killed = MessageState(
     "killed", lambda one: one.is_killed, "it was killed, and ended with the last event at the earliest"
 )
@@ -137,8 +140,8 @@ retried = MessageState("retried", lambda one: one.is_retried, "it was retried wi
 STATES = {
     state.words: state
     for state in (
-        sent, begun, handled, queued, planned, planned_ahead, being_achieved, achieved, killed, failed, recovering,
-        suspended, fired, retried,
+        sent, begun, handled, queued, planned, planned_ahead, being_achieved, achieved, resolved, killed, failed,
+        recovering, suspended, fired, retried,
     )
 }  # fmt: skip
 """By name."""

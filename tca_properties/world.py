@@ -79,6 +79,8 @@ class MessageView:
     """It ended with the last event."""
     is_new: bool
     """It was sent with the last event."""
+    is_resolved: bool
+    """An exception handler has resolved a failure of it since it was handled, or retried, last."""
     is_retried: bool
     """It was retried with the last event."""
     has_fired: bool
@@ -130,8 +132,13 @@ class MessageView:
 
     @property
     def is_achieved(self) -> bool:
-        """Whether it was achieved, not killed, with the last event."""
-        return bool(self.reached & END_ACHIEVING) and not self.is_killed
+        """Whether it was achieved, not killed and not after a failure, with the last event."""
+        return bool(self.reached & END_ACHIEVING) and not (self.is_killed or self.is_resolved)
+
+    @property
+    def is_done_after_failure(self) -> bool:
+        """Whether it was done with the last event, after a failure that was resolved."""
+        return bool(self.reached & END_ACHIEVING) and self.is_resolved and not self.is_killed
 
     @property
     def is_planned_ahead(self) -> bool:

@@ -100,6 +100,8 @@ class LifeCycle:
 
     def ending(self, state: str, end: str, outcome: Outcome) -> str:
         """The name of the transition from *state* to that *end*: the first in the table that fits the outcome."""
+        if outcome is Outcome.RESOLVED:  # that is no way that its server takes
+            return str(outcome)
         rows = (one for one in self.transitions if (one.source, one.target) == (state, end))
         is_kill = outcome is Outcome.KILLED  # only a kill takes the way of a client's cancel, and no other
         ways = [one.name for one in rows if end == self.done or (one.effect is Effect.STOP) is is_kill]

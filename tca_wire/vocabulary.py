@@ -102,8 +102,14 @@ class Outcome(StrEnum):
     """The outcome of a message or task."""
 
     DONE = "done"
+    RESOLVED = "done after a failure"  # an exception handler resolved its failure: it did not do what it should
     FAILED = "failed"
     KILLED = "killed"
+
+    @property
+    def lets_go_on(self) -> bool:
+        """Whether what follows goes on as planned."""
+        return self in (Outcome.DONE, Outcome.RESOLVED)
 
 
 class Refusal(StrEnum):

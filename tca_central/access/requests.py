@@ -261,6 +261,7 @@ NEEDS: dict[type, Callable[[State, Connection, Any], None] | None] = {
     headers.Remove: _remove,
     headers.Raise: _controls("raise a failure on", lambda header: header.task),
     headers.Retry: _controls("retry", lambda header: header.task),
+    headers.Resolve: None,
     headers.Suspend: _controls("suspend", lambda header: header.task),
     headers.Deadline: _controls("give a deadline to", lambda header: header.point.task),
     headers.Inspect: _inspect,

@@ -3,9 +3,10 @@
 Theory of operation (TCA paper, "Monitoring and Exception Handling"; TCM 2.10). The search starts at the failing task
 and goes up to the root; on each task its own exception handlers come first, newest first, then those of its message.
 The one that is found runs as a goal under the failing task. While it decides, the failing task does not count as
-handled: if the handler returns the failure has been dealt with and what comes after goes on, or it retries the
-failing task or one above, kills, adds, or reissues the failure, which lets the search go on above it. One that fails
-itself, not by choice and with nobody who helps, could not decide: the search goes on in the same way.
+handled. Three things deal with a failure: a retry of the failing task or of one above it, a kill of one of these, and
+``resolved()``, which counts when the handler's task has ended. After anything else the search goes on above it: at
+once when the handler reissues the failure, or fails itself, not by choice and with no handler for that; else when its
+task has ended.
 """
 
 from collections.abc import Iterator
@@ -21,6 +22,7 @@ from tca_central.watching.taps import fire_after
 from tca_central.watching.watches import stop_watching
 from tca_wire.journal import facts
 from tca_wire.messages.failures import NOT_BY_CHOICE
+from tca_wire.messages.formats import NIL
 from tca_wire.packets import headers
 from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, ROOT, START_HANDLING, TaskId
 from tca_wire.rules import KILLED
@@ -73,6 +75,9 @@ def fail_task(central: State, task: Task, failure: RaisedFailure) -> None:
 
 def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = CENTRAL) -> None:
     """Raise a failure on a task for *by*, from outside its handler, which goes on."""
+    if task.returned and task.failure is None and not task.result:
+        central.tree.grow(task, len(NIL))
+        task.result = NIL  # its handler has returned None: if this is resolved that is a result
     central.note_failure(task, failure, is_beside=True, by=by)
     _search(central, task, failure, is_beside=True)
 
@@ -194,15 +199,15 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
     trouble.passed[trouble.attached.id, trouble.failure.name] = None
     where = f" in {task}" if task is not undecided else ""
     reason = f"{failure.name}{where}: {failure.text.partition(NEWLINE)[0]}".removesuffix(": ")
-    trouble.failure = _with_undecided(trouble.failure, undecided, reason)
+    trouble.failure = _with_undecided(trouble.failure, undecided, f"could not decide: {reason[:LONGEST_REASON]}")
     return undecided
 
 
-def _with_undecided(first: RaisedFailure, undecided: Task, why: str) -> RaisedFailure:
-    """A failure of which is said, where people look first, who could not decide about it, and why."""
+def _with_undecided(first: RaisedFailure, undecided: Task, what: str) -> RaisedFailure:
+    """A failure whose first line, which people read first, also says which exception handler left it as it was."""
     line, newline, rest = first.text.partition(NEWLINE)
     line = shortened(line, Limit.TEXT // 2)
-    told = f"{line}; exception handler {undecided} could not decide: {why[:LONGEST_REASON]}".removeprefix("; ")
+    told = f"{line}; exception handler {undecided} {what}".removeprefix("; ")
     return first._replace(text=shortened(f"{told}{newline}{rest}"))
 
 
@@ -262,7 +267,7 @@ def pass_over(central: State, handler: Delivery) -> None:
         return
     why = f"nobody handles '{handler.message.name}' any more"
     trouble: FailureContext = handler.context
-    trouble.failure = _with_undecided(trouble.failure, handler, why)
+    trouble.failure = _with_undecided(trouble.failure, handler, f"could not decide: {why}")
     kill(central, handler, Verdict(why))
 
 
@@ -278,22 +283,51 @@ def reissue(central: State, handler: Task) -> None:
     central.agenda.mark_returned(handler)
 
 
+def on_resolve(central: State, connection: Connection, header: headers.Resolve, _: bytes) -> None:
+    """An exception handler says that it has dealt with its failure, which counts when its task has ended. A retry or
+    kill that came first stands: then this changes nothing.
+    """
+    handler = central.dispatcher.running.get(central.origin)
+    if handler is None:
+        text = "the exception handler has returned: resolved() is called before that"
+        raise RequestError(Refusal.TOO_LATE, text)
+    if not isinstance(handler, Task) or handler.role is not Role.EXCEPTION:
+        text = f"message {handler.message_id} handles no failure, so there is none that it has resolved"
+        raise RequestError(Refusal.PROTOCOL, text)
+    counts = not (handler.more.is_void or handler.retrying or handler.killed or handler.context.failing.killed)
+    if counts and not handler.more.is_resolved:
+        handler.more.is_resolved = True
+        central.facts.append(facts.Resolved(TaskId(handler.id)))
+    central.accept(connection, header.number, TaskId(handler.id) if counts else ROOT)
+
+
 def handler_ended(central: State, handler: Task) -> None:
-    """An exception handler's task has ended. Unless it decided otherwise, the failure has been dealt with."""
+    """An exception handler's task has ended. What it has not dealt with goes on up the tree."""
     failing: Task = handler.context.failing
     for asked in handler.more.retry_targets:
         central.agenda.end_retry_asker(asked, handler)
-    if handler.more.is_void:
-        return
-    is_deciding = failing.more.recovering is handler
-    if is_deciding:
-        failing.more.recovering = None
-    if failing.killed:
-        return
+    if not (handler.more.is_void or failing.killed):
+        if handler.more.is_resolved:
+            _recover(central, failing, handler)
+        else:
+            _leave_open(central, failing, handler)
+    central.agenda.hear(failing)
+
+
+def _recover(central: State, failing: Task, handler: Task) -> None:
     failing.is_dealt_with = True
-    central.facts.append(facts.Recovered(TaskId(failing.id)))
-    if is_deciding:
+    central.facts.append(facts.Recovered(TaskId(failing.id), TaskId(handler.id)))
+    if failing.more.recovering is handler:
+        failing.more.recovering = None
         central.agenda.mark_returned(failing)
+
+
+def _leave_open(central: State, failing: Task, handler: Task) -> None:
+    """Whoever is told of the failure in the end learns here why the task was not just let go on."""
+    central.facts.append(facts.NotDealtWith(TaskId(handler.id), TaskId(failing.id)))
+    trouble: FailureContext = handler.context
+    trouble.failure = _with_undecided(trouble.failure, handler, "returned without dealing with it")
+    _continue_search(central, handler)
 
 
 def _asking_handler(central: State, task: Task) -> Task | None:
@@ -329,13 +363,21 @@ def _next_ends(task: Task, *moments: int) -> list[Place]:
     return [Place(task, moment) for moment in moments if not task.reached & moment][:1]
 
 
+def _forget_failures(central: State, task: Task) -> None:
+    """The failures that came before a retry are forgotten, and those below the exception handlers for them resolved."""
+    for child in (task.children or {}).values():
+        if child.role is Role.EXCEPTION:
+            for one in central.tree.subtree(child):
+                if one.role is Role.EXCEPTION:
+                    one.more.is_resolved = True
+            child.more.is_void = True
+
+
 def _clear(central: State, task: Task, verdict: Verdict) -> None:
-    """Kill what is under a retried task, but for the monitors of others, and forget the failures before."""
+    """Kill what is under a retried task, but for the monitors of others."""
     for child in list((task.children or {}).values()):
         if not (child.survives or child.is_guest):
             kill(central, child, verdict)
-        elif child.role is Role.EXCEPTION:
-            child.more.is_void = True
 
 
 def on_retry(central: State, connection: Connection, header: headers.Retry, body: bytes) -> None:
@@ -360,6 +402,11 @@ def retry_task(central: State, task: Task, data: bytes | None, by: str, asking: 
         task.body = data
     central.tree.set_failure(task, None)
     central.facts.append(facts.Retried(TaskId(task.id), data or b"", by))
+    if task.role is Role.EXCEPTION:
+        task.more.is_resolved = False
+    if asking is not None:
+        asking.more.is_resolved = True
+    _forget_failures(central, task)
     if task.reached & START_HANDLING:
         _clear(central, task, Verdict(f"{task} is retried", by, central.origin))
         if asking is not None and asking not in task.more.retry_askers:

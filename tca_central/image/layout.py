@@ -128,8 +128,8 @@ OBJECTS: dict[type, str] = {
     Rights: "known patterns",
     Rare: (
         "asked attached attempts client_serial ended_followers farewells fired guests invocations is_guest "
-        "is_tapped is_void kept kept_by listeners pending progress recovering retry_askers retry_targets sequence taps "
-        "watch"
+        "is_resolved is_tapped is_void kept kept_by listeners pending progress recovering retry_askers retry_targets "
+        "sequence taps unheard watch"
     ),
     Registry: "_names bytes connections dropped look_after lost messages modules permissions",
     Task: (

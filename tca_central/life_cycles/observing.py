@@ -95,8 +95,8 @@ def _tell_end(central: State, connection: Connection, header: Observe) -> None:
     cycle = message.life_cycle if message is not None else GENERAL
     result, failure, text, body = outcome
     change = StateChange(
-        header.task, name, -1, cycle.done if result is Outcome.DONE else cycle.cancelled, "", Party.SERVER,
-        text=_why(failure, text), goal=goal, data=body, is_late=True, is_over=True,
+        header.task, name, -1, cycle.done if result.lets_go_on else cycle.cancelled, "", Party.SERVER,
+        text=_why(failure, text), goal=goal, data=body, is_late=True, is_over=True, outcome=result,
     )  # fmt: skip
     central.tell(connection, Answer(header.number, more=True), msgspec.msgpack.encode(change))
     central.send(connection, header.number, Answer(header.number))
@@ -116,17 +116,18 @@ def _as_it_stands(task: Task) -> StateChange:
 
 def tell(
     central: State, task: Task, transition: str, by: Party, module: str = "", text: str = "", data: bytes = b"",
-    *, is_over: bool = False,
+    *, outcome: Outcome | None = None,
 ) -> None:  # fmt: skip
     """Tell all who observe a task of a change."""
     if not central.observers.concern(task):
         return
     observers = list(central.observers.of(task))
+    is_over = outcome is not None
     if not (observers or is_over):
         return
     change = StateChange(
         TaskId(int(task.id)), task.message.name, task.serial, task.state, transition, by, module, text, task.body, data,
-        is_over=is_over,
+        is_over=is_over, outcome=outcome,
     )  # fmt: skip
     encoded = msgspec.msgpack.encode(change) if observers else b""
     for one in observers:
@@ -157,9 +158,9 @@ def tell_end(central: State, task: Task) -> None:
     """A task has ended: its last state is that of its outcome."""
     cycle = task.message.life_cycle
     outcome, failure, text, body = central.outcome(task)
-    end_state = cycle.done if outcome is Outcome.DONE else cycle.cancelled
+    end_state = cycle.done if outcome.lets_go_on else cycle.cancelled
     transition = cycle.ending(task.state, end_state, outcome)
     task.state = end_state
     task.serial += 1
     by = Party.CENTRAL if outcome is Outcome.KILLED else Party.SERVER
-    tell(central, task, transition, by, "", _why(failure, text), body, is_over=True)
+    tell(central, task, transition, by, "", _why(failure, text), body, outcome=outcome)

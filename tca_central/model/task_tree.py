@@ -43,6 +43,7 @@ class Rare(Stored):
         "guests",
         "invocations",
         "is_guest",
+        "is_resolved",
         "is_tapped",
         "is_void",
         "kept",
@@ -55,6 +56,7 @@ class Rare(Stored):
         "retry_targets",
         "sequence",
         "taps",
+        "unheard",
         "watch",
     )  # fmt: skip
 
@@ -72,6 +74,8 @@ class Rare(Stored):
         self.listeners: list[Task] = []  #: that are killed with it
         self.watch: Any = None  #: of a monitor: its state
         self.is_void = False  #: of an exception handler: it decides nothing any more (it has reissued, or was killed)
+        self.is_resolved = False  #: of an exception handler: if it ends well its failure has been dealt with
+        self.unheard = 0  #: number of its exception handlers that have just ended: it may fail again for what they say
         self.farewells: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
         self.pending: dict[Any, Any] = {}  #: planned events -> the timer, or the task at which each waits
         self.ended_followers = 0  #: number of its followers that were killed while they waited, and have ended
@@ -156,6 +160,8 @@ class Task(Delivery):
     @property
     def watches_alone(self) -> bool:
         """Whether its handler has returned and only watchers are left under it."""
+        if self.rare is not None and self.rare.unheard:
+            return False
         return self.returned and len(self.children or ()) == len(self.watchers or ()) > 0
 
     @property

@@ -30,6 +30,7 @@ from tca_wire.points import (
 )
 from tca_wire.rules import KILLED
 from tca_wire.text.facts_in_words import kill_reason
+from tca_wire.vocabulary import Role
 
 
 class Agenda(Stored):
@@ -145,6 +146,11 @@ class Agenda(Stored):
     def end_retry_asker(self, task: Task, handler: Task) -> None:
         """An exception handler that has asked for a retry has ended."""
         task.more.retry_askers.pop(handler, None)
+        self.look_at.append(task)
+
+    def hear(self, task: Task) -> None:
+        """It is known what an exception handler of the task that has ended leaves open."""
+        task.more.unheard -= 1
         self.look_at.append(task)
 
     def fire_taps_again(self, task: Task) -> None:
@@ -292,7 +298,8 @@ class Agenda(Stored):
                 return task.slot is None
             return task.ignores_parent or bool(task.parent and task.parent.reached & moment)
         if moment == END_ACHIEVING:
-            return task.returned and not task.children
+            may_fail_again = task.rare is not None and task.rare.unheard and not task.killed
+            return task.returned and not (task.children or may_fail_again)
         return task.returned and not (moment == END_PLANNING and task.unplanned)
 
     def _reach(self, task: Task, moments: int) -> None:
@@ -322,6 +329,8 @@ class Agenda(Stored):
             self.holds.forget(task)
         self.ended.append(task)
         parent = task.parent
+        if task.role is Role.EXCEPTION and parent is not None:
+            parent.more.unheard += 1
         if parent is None or not (parent.returned or parent.retrying):
             return
         if parent.retrying or len(parent.children or ()) == len(parent.watchers or ()):

@@ -94,7 +94,7 @@ def _return(
         end_claims_of(central, delivery, "it was killed")
         central.agenda.mark_returned(delivery)
     else:
-        result = b"" if body == NIL else body
+        result = b"" if body == NIL and delivery.failure is None else body  # a resolved task may have none
         central.tree.grow(delivery, len(result) - len(delivery.result))
         delivery.result = result
         central.agenda.mark_returned(delivery)

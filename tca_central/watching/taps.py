@@ -36,7 +36,7 @@ from tca_wire.points import (
     TaskId,
 )
 from tca_wire.rules import CONDITIONS, DELIVERED, FAILURE, LISTENERS, REPLIED, SUCCESS, recurs_on_retry
-from tca_wire.vocabulary import CENTRAL, Condition, Outcome, Refusal, Role
+from tca_wire.vocabulary import CENTRAL, Condition, Refusal, Role
 
 MOST_TAPS = 1000
 """Wiretaps of one message or task."""
@@ -174,7 +174,7 @@ def _ended(central: State, header: headers.Tap) -> Task | None:
         return None
     task = Task(header.task, message, record.body if record is not None else b"", None)
     task.reached, task.returned = ALL_MOMENTS, True
-    task.killed = "" if outcome[0] is Outcome.DONE else str(outcome[0])
+    task.killed = "" if outcome[0].lets_go_on else str(outcome[0])
     return task
 
 

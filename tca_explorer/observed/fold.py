@@ -147,10 +147,18 @@ class Fold(Situation):
         if (failing := self.seen.get(handler.about)) is not None:
             self._change(failing.id, recovering=tuple(one for one in failing.recovering if one != handler.id))
 
+    def _recovered(self, fact: facts.Recovered) -> None:
+        self.broken = self.broken or promises.recovered(self.seen[fact.task], self.seen.get(fact.handler))
+        self._change(fact.task, failure="", is_resolved=True)
+
     def _retried(self, fact: facts.Retried) -> None:
-        task = self.seen[fact.task]
+        task, below = self.seen[fact.task], {int(fact.task)}
         self._change(fact.task, failure="", attempts=task.attempts + task.is_begun, is_retried=True,
-                     body=fact.body or task.body)  # fmt: skip
+                     is_resolved=False, has_resolved=False, body=fact.body or task.body)  # fmt: skip
+        for one in self.tasks:  # parents are older than their children
+            if one.parent_id in below:
+                below.add(one.id)
+                self._change(one.id, has_resolved=one.role is Role.EXCEPTION)
 
     def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
         below = {int(fact.task)}
@@ -224,7 +232,8 @@ _FOLD: dict[type, Callable[[Fold, Any], None]] = {
     facts.Failed: Fold._failed,
     facts.Unhandled: Fold._unhandled,
     facts.Reissued: lambda fold, fact: fold._recover(fold.seen[fact.handler]),
-    facts.Recovered: lambda fold, fact: fold._change(fact.task, failure=""),
+    facts.Resolved: lambda fold, fact: fold._change(fact.handler, has_resolved=True),
+    facts.Recovered: Fold._recovered,
     facts.Retried: Fold._retried,
     facts.SuspendedOrResumed: Fold._suspended,
     facts.Killed: lambda fold, fact: fold._killed(fact.task),

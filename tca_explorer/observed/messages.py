@@ -28,6 +28,7 @@ class ObservedMessage(MessageView, msgspec.Struct, frozen=True, kw_only=True):
     state: str = ""
     """Of a task: where it is in its life cycle."""
     is_new: bool = False
+    is_resolved: bool = False
     is_retried: bool = False
     has_fired: bool = False
 
@@ -57,6 +58,8 @@ class TrackedMessage(ObservedMessage, frozen=True, kw_only=True):
     """Where central sent it: the failing, tapped, killed or monitoring task."""
     recovering: tuple[int, ...] = ()
     """The exception handlers' tasks that are at work on its failures."""
+    has_resolved: bool = False
+    """Of an exception handler: it has said that its failure is resolved, or a retry has resolved that."""
     after: tuple[tuple[int, Point], ...] = ()
     """The constraints on it: which of its moments comes no sooner than which point."""
     delayed: tuple[tuple[int, Point, float], ...] = ()

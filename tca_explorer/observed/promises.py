@@ -2,7 +2,8 @@
 
 No moment before those that constraints and wiretaps put before it, or sooner than a delay allows; no child's start
 before its parent's, no parent's end before its children's; nothing suspended or killed is started, and nothing where
-others have locked or reserved the resource; no task is handled twice at once, or ends before its handler does.
+others have locked or reserved the resource; no task is handled twice at once, or ends before its handler does; no
+failure counts as dealt with that an exception handler only observed.
 """
 
 from tca_explorer.observed.messages import Situation, TrackedMessage
@@ -56,6 +57,12 @@ def kept_out(now: Situation, message: TrackedMessage, module: str, resource: str
 def returned(message: TrackedMessage | None, key: int) -> str:
     """The error in the end of a message's handler; "" if there is none."""
     return "" if message is not None and message.is_handled else f"a handler of {message or key} ended, and none had it"
+
+
+def recovered(failing: TrackedMessage, handler: TrackedMessage | None) -> str:
+    """The error in taking a failure for dealt with; "" if there is none."""
+    is_resolved = handler is not None and handler.has_resolved
+    return "" if is_resolved else f"{failing} was taken for recovered, and {handler} only observed its failure"
 
 
 def _not_met(now: Situation, task: TrackedMessage, moments: int) -> list[str]:

@@ -10,7 +10,7 @@ from tca_module.sending.task_ref import TaskRef
 from tca_module.session.epoch_numbers import with_epoch
 from tca_wire.messages.declarations import D, Message
 from tca_wire.packets import parts
-from tca_wire.packets.headers import Deliver, EndMonitor, Fire
+from tca_wire.packets.headers import Deliver, EndMonitor, Fire, Resolve
 from tca_wire.points import TaskId
 from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Condition
@@ -34,8 +34,32 @@ class Trouble:
     def __repr__(self) -> str:
         return f"failure '{self.failure}' of {self.failing}"
 
+    def resolved(self) -> bool:
+        """Say that the failure has been dealt with: the task is *done after a failure*, and what follows it goes on.
+
+        It counts when the task of the exception handler has ended, with all that it has sent. If the handler then
+        fails, is killed, or reissues the failure, that goes on up the tree. An exception handler that neither says this
+        nor retries or kills the failed task, or one above it, has only looked on: the failure goes on up, too.
+
+        Returns False if the failed task was killed, or is retried: then that counts. Raises Refused ("too late") when
+        the handler has returned.
+
+        Example:
+            ::
+
+                @module.handles(DROPPED)
+                def pick_up(task: Task, cup: Cup) -> None:
+                    task.command(PICK_UP, cup)
+                    task.trouble.resolved()
+
+        """
+        header = Resolve(0, self.failing._origin)  # noqa: SLF001
+        return self.failing._steer(header, LateText(lambda: f"resolving {self}"))  # noqa: SLF001
+
     def reissue(self) -> Exception:
-        """The error to raise so that the search goes on above: ``raise task.trouble.reissue()`` (ByPassException)."""
+        """The error to raise so that the search goes on above at once: ``raise task.trouble.reissue()``
+        (ByPassException). It overrules ``resolved()``.
+        """
         return Reissued(f"{self} is reissued")
 
 

@@ -46,7 +46,7 @@ class TaskInfo(NamedTuple):
     failure: str
     data: bytes
     outcome: str
-    """"" while it lives; of an ended one that is kept "done", "failed" or "killed"."""
+    """"" while it lives; of an ended one that is kept an ``Outcome``: "done", "done after a failure", ..."""
     result: bytes
     """The handler's result, or the failure's data, of an ended task."""
 
@@ -61,7 +61,7 @@ class TaskInfo(NamedTuple):
 FIND_IT = "in other threads connect(), and use task(number) of that"
 """The remedy for a task that is used in a wrong thread."""
 
-_DEALT_WITH = "an exception handler dealt with it, so there is no result"
+_NO_RESULT = "an exception handler resolved it, so the task is done after a failure and has no result"
 _RELATIONS = {"self": "state", "kept": "kept tasks"}
 
 
@@ -307,7 +307,10 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
     # --- its end ---------------------------------------------------------------------------------------------------
 
     def wait(self, timeout: float | None = None) -> Outcome:
-        """Wait until the task has ended; its outcome. Raises Timeout."""
+        """Wait until the task has ended; its outcome. Raises Timeout.
+
+        ``Outcome.RESOLVED`` is *done after a failure*: an exception handler has resolved the failure.
+        """
         return self._ended(timeout)[0].outcome
 
     def wait_for(self, point: Point, timeout: float | None = None) -> Outcome:
@@ -396,6 +399,7 @@ class Change:
         self.text = change.text  #: the reason, for people
         self.is_late = change.is_late
         self.is_over = change.is_over  #: the task has ended
+        self.outcome = change.outcome  #: how, then; None if nothing here heard central meanwhile
         self.missed = news.missed  #: the number of changes before this one that were not seen here
         self._news = news
         self._message = message
@@ -442,10 +446,14 @@ class SentTask(TaskRef, Generic[R]):
         self._message = message
 
     def result(self, timeout: float | None = None) -> R:
-        """The handler's result, at the task's end. Raises TaskFailed, TaskKilled, or Timeout after *timeout* s."""
+        """The handler's result, at the task's end. Raises TaskFailed, TaskKilled, or Timeout after *timeout* s.
+
+        A task that is done after a failure has none. Then this returns None, or raises TaskFailed if its message
+        declares a result.
+        """
         is_new = self._end is None
         answer, body = self._ended(timeout)
-        if is_new and answer.outcome is not Outcome.DONE:
+        if is_new and not answer.outcome.lets_go_on:
             self._connection().mark_told()
         return self._result(answer, body)
 
@@ -466,9 +474,9 @@ class SentTask(TaskRef, Generic[R]):
             raise TaskFailed(repr(self), answer.failure, answer.text, body)
         if answer.outcome is Outcome.KILLED:
             raise TaskKilled(repr(self), answer.text)
-        if answer.failure and not body and self._message.reply.kind is not type(None):
+        if answer.outcome is Outcome.RESOLVED and not body and self._message.reply.kind is not type(None):
             first, newline, rest = answer.text.partition("\n")
-            text = (f"{first} ({_DEALT_WITH})" if first else _DEALT_WITH) + newline + rest
+            text = (f"{first} ({_NO_RESULT})" if first else _NO_RESULT) + newline + rest
             raise TaskFailed(repr(self), answer.failure, text, b"")
         try:
             return self._message.decode_reply(body or NIL)

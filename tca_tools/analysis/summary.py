@@ -12,7 +12,7 @@ from tca_wire.text.printable import first_line
 from tca_wire.vocabulary import CENTRAL
 
 ENDED_BADLY = (TaskState.FAILED, TaskState.KILLED)
-"""States of a task that has ended and is not achieved."""
+"""States of a task that has ended and did not let what follows it go on as planned."""
 _LONGEST = 200
 """Characters of a reason."""
 
@@ -142,7 +142,11 @@ def _outcome(run: Run, top: list[Task], failures: int) -> str:
     parts = [] if top else ["No top-level task but monitors was sent"]
     if top and not bad and not living:
         after = f", after {counted(failures, 'failure')} on the way" if failures else ""
-        parts.append(f"{_some(len(top), top)} achieved{after}")
+        resolved = sum(task.state is TaskState.RESOLVED for task in top)
+        if achieved := len(top) - resolved:
+            parts.append(f"{_some(achieved, top)} achieved{after}")
+        if resolved:
+            parts.append(f"{_some(resolved, top)} {TaskState.RESOLVED}")
     if bad:
         parts.append(f"{_some(len(bad), top)} not achieved: {'first ' * (len(bad) > 1)}{_ended(bad[0])}")
     if living:

@@ -37,7 +37,7 @@ def check(
       where P is STATE of MESSAGE [with FIELD=VALUE, ...], or handled by MODULE
       [with ...]; data=VALUE compares the whole data of a message
       STATE: sent, begun, handled, queued, planned, planned ahead, being achieved,
-             achieved, killed, failed, recovering, suspended, fired, retried
+             achieved, resolved, killed, failed, recovering, suspended, fired, retried
     """  # noqa: D301 - click wants the character itself
     journal, files = _sorted(paths)
     if rerun:

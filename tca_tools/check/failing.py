@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from tca_tools.check.missions import check_recovered
 from tca_tools.check.records import MessageRecord
-from tca_tools.check.rules import CAUGHT, HANDLER, KILLED, NUMBERS, QUEUED, RECOVERED, SUSPENDED
+from tca_tools.check.rules import CAUGHT, HANDLER, KILLED, NUMBERS, QUEUED, RECOVERED, RESOLVED, SUSPENDED
 from tca_tools.check.world import JournalWorld
 from tca_wire.journal import facts
 from tca_wire.messages.failures import NOT_BY_CHOICE
@@ -132,15 +132,23 @@ def reissued(world: JournalWorld, handler: MessageRecord, fact: facts.Reissued) 
             search(world, handler.parent, handler.id)
 
 
+def resolved(world: JournalWorld, handler: MessageRecord, fact: facts.Resolved) -> None:
+    """An exception handler says that it has dealt with its failure."""
+    del fact
+    if handler.role is not Role.EXCEPTION and not handler.is_stranger:
+        world.broken(HANDLER, handler, "resolved a failure, and deals with none")
+    handler.has_resolved = True
+
+
 def handler_ended(world: JournalWorld, handler: MessageRecord) -> None:
-    """An exception handler has ended: the failure has been dealt with, unless it decided otherwise."""
+    """An exception handler has ended: what it has not dealt with goes on up the tree."""
     failing = handler.parent
     if failing is None:
         return
     _deals_no_more(world, failing, handler.id)
     if failing.is_killed:
         return
-    failing.ended_handlers.append(handler.id)
+    failing.ended_handlers.append(handler)
     world.later.append(lambda: _check_recovered(world, failing))
 
 
@@ -152,21 +160,34 @@ def _deals_no_more(world: JournalWorld, failing: MessageRecord, handler: int) ->
 
 def _check_recovered(world: JournalWorld, failing: MessageRecord) -> None:
     if failing.ended_handlers and not failing.is_killed:
-        handler = world.name(failing.ended_handlers[0])
-        world.broken(RECOVERED, failing, f"did not go on, and {handler} dealt with its failure")
+        handler = failing.ended_handlers[0]
+        world.broken(RECOVERED, failing, f"neither recovered nor failed on when {handler} had ended")
     failing.ended_handlers.clear()
 
 
 def recovered(world: JournalWorld, task: MessageRecord, fact: facts.Recovered) -> None:
     """A failure has been dealt with. The task may have ended with its exception handler."""
-    del fact
     check_recovered(world, task)
     if not task.ended_handlers and not task.is_stranger:
         world.broken(RECOVERED, task, "recovered, and no exception handler of it has ended")
-    handler = task.ended_handlers.pop(0) if task.ended_handlers else 0
-    if task.deciding == handler and handler:
-        task.deciding, task.returned = 0, True
-    task.failure = ""
+    if handler := _pop_ended(task):
+        if fact.handler and not (handler.has_resolved or handler.is_stranger):  # journals before that do not name it
+            world.broken(RESOLVED, task, f"recovered, and {handler} neither resolved its failure nor retried it")
+        if task.deciding == handler.id:
+            task.deciding, task.returned = 0, True
+    task.failure, task.is_resolved = "", True
+
+
+def not_dealt_with(world: JournalWorld, task: MessageRecord, fact: facts.NotDealtWith) -> None:
+    """An exception handler has ended, and its failure goes on up the tree."""
+    if handler := _pop_ended(task):
+        if handler.has_resolved:
+            world.broken(RESOLVED, task, f"failed on, and {handler} has resolved its failure")
+        search(world, task, int(fact.handler))
+
+
+def _pop_ended(task: MessageRecord) -> MessageRecord | None:
+    return task.ended_handlers.pop(0) if task.ended_handlers else None
 
 
 def attached(world: JournalWorld, fact: facts.Attached) -> None:
@@ -239,7 +260,11 @@ def retried(world: JournalWorld, item: MessageRecord, fact: facts.Retried) -> No
     """A task is to be handled again."""
     if item.is_killed:
         world.broken(KILLED, item, "was retried, and it is killed")
-    item.failure, item.body = "", fact.body or item.body
+    item.failure, item.body, item.is_resolved, item.has_resolved = "", fact.body or item.body, False, False
+    below = [item]
+    for one in below:  # grows while it is walked
+        below += one.children.values()
+        one.has_resolved |= one is not item and one.role is Role.EXCEPTION
     item.is_retried = True
     item.passed.clear()
     world.flagged.append(item)

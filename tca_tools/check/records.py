@@ -117,6 +117,7 @@ class MessageRecord(MessageView):
     overtaken: list[str] = field(default_factory=list)
     """The states from which clients have asked for something since its handler's last word."""
     is_retried: bool = False
+    is_resolved: bool = False
     is_answered: bool = False
     is_dropped: bool = False
     returned: bool = False  #: its handler is done for good
@@ -130,7 +131,8 @@ class MessageRecord(MessageView):
     recovering: tuple[int, ...] = ()  #: all exception handlers at work on it
     searches: list[int] = field(default_factory=list)
     """Searches for exception handlers that must come: after which one (OWN and BESIDE: anew)."""
-    ended_handlers: list[int] = field(default_factory=list)  #: exception handlers that have just ended
+    ended_handlers: "list[MessageRecord]" = field(default_factory=list)  #: exception handlers that have just ended
+    has_resolved: bool = False  #: of an exception handler: it has said so, or a retry has
     is_void: bool = False  #: of an exception handler: it decides nothing any more
     invocations: dict[int, int] = field(default_factory=dict)  #: how often each attachment was called here
 

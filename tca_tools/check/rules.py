@@ -88,6 +88,7 @@ RECOVERED = Rule(
     "a failing task is handled when its exception handler has dealt with that", "TCM 2.10: exceptions, DoneHandling"
 )
 MISSION = Rule("a task of a mission that did not complete has failed or was killed", "docs/missions.md")
+RESOLVED = Rule("no failure that was only observed counts as dealt with", "decision 101")
 TAPPED = Rule("a wiretap sends its listener before the tapped task goes on", f"{MANUAL}, wiretaps")
 MONITOR = Rule("a monitor watches from its start to its end", f"{MANUAL}, monitors")
 KEPT = Rule("a monitor that is not waited for ends when its parent waits for nothing else", "decision 42")

@@ -41,7 +41,8 @@ def _block(bars: list[Bar]) -> Bar:
     block = Bar(max(seconds, key=seconds.__getitem__), *span, _title, (), bars[0].kind)
     block.about = (block,)
     block.is_beside = all(bar.is_beside for bar in bars)
-    block.ending = next((one for one in (Ending.FAILED, Ending.COPED, Ending.KILLED) if one in endings), Ending.NONE)
+    worst = (Ending.FAILED, Ending.COPED, Ending.RESOLVED, Ending.KILLED)
+    block.ending = next((one for one in worst if one in endings), Ending.NONE)
     block.waits = [wait for bar in bars for wait in bar.waits]
     block.parts = bars
     return block

@@ -138,7 +138,7 @@ class _Filler:
     def _handled(self, one: Handling) -> Bar:
         bar = self._bar(BarKind.HANDLED, one.name, one.start, one.end, titles.handled, one, of=one.message_id)
         if one.outcome is Outcome.FAILED:
-            bar.ending = Ending.COPED if has_coped(self.run, one) else Ending.FAILED
+            bar.ending = self._failed(one)
         elif one.outcome is Outcome.KILLED:
             bar.ending = Ending.KILLED
         who = titles.described(self.run, one)
@@ -151,6 +151,12 @@ class _Filler:
         if task is not None and (sent := agent_task(self.run, task)) and sent.is_early:
             bar.ahead_until, bar.is_wasted = sent.entered, sent.is_wasted
         return bar
+
+    def _failed(self, one: Handling) -> Ending:
+        task = self.run.tasks.get(one.message_id)
+        if task is not None and one is task.handlings[-1] and task.state is TaskState.RESOLVED:
+            return Ending.RESOLVED
+        return Ending.COPED if has_coped(self.run, one) else Ending.FAILED
 
     def _awaited(self, module: str, wait: HandlerWait) -> Bar:
         what = (titles.awaited_name(self.run, wait), wait.start, wait.end, titles.waits, module, wait)

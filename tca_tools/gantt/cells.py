@@ -10,7 +10,7 @@ from tca_tools.terminal import columns_of
 from tca_wire.coordination import TaskRole
 from tca_wire.text.printable import printable
 
-FAILURES = {Ending.FAILED: ("!", "red"), Ending.COPED: ("~", "yellow")}
+FAILURES = {Ending.FAILED: ("!", "red"), Ending.COPED: ("~", "yellow"), Ending.RESOLVED: ("&", "bright_yellow")}
 MARKS = {**FAILURES, Ending.NONE: ("?", None)}
 END, NEXT_CAUSE, TICK = "end", "next cause", "tick"
 _DRAWN = (

@@ -10,6 +10,7 @@ from typing import Any
 from tca_tools.terminal import cut
 from tca_wire.coordination import TaskRole
 from tca_wire.text.printable import printable
+from tca_wire.vocabulary import Outcome
 
 _FEWEST = 8
 """Columns of a reason."""
@@ -34,6 +35,7 @@ class Ending(StrEnum):
     NONE = ""
     FAILED = "failed"
     COPED = "coped"  # it failed, and the run went on
+    RESOLVED = "resolved"  # it failed, and its task is done after that
     KILLED = "killed"  # its handler was at work when it was killed
 
 
@@ -56,6 +58,7 @@ MEANINGS: dict[str, str] = {
     TaskRole.WASTED: "ahead, and wasted",
     Ending.FAILED: "failed",
     Ending.COPED: "failed, and handled",
+    Ending.RESOLVED: str(Outcome.RESOLVED),
     Ending.KILLED: "killed",
     **{words: words for words in MARKED.values()},
 }

@@ -11,6 +11,7 @@ from tca_tools.gantt.queues import CURVE, is_curve
 from tca_tools.terminal import cut
 from tca_wire.coordination import TaskRole
 from tca_wire.text.printable import printable
+from tca_wire.vocabulary import Outcome
 
 _LINE = 24.0
 _MOST_NAMES = 40
@@ -34,6 +35,7 @@ _LOOKS: dict[str, str] = {
     TaskRole.WASTED: 'class="wasted"',
     Ending.FAILED: 'class="failed"',
     Ending.COPED: 'class="coped"',
+    Ending.RESOLVED: 'class="resolved"',
     Ending.KILLED: 'fill="url(#killed)"',
     **{words: f'fill="{COLOURS[ending]}"' for ending, words in MARKED.items()},
 }
@@ -41,6 +43,7 @@ _LOOKS: dict[str, str] = {
 _FLAGS = (
     (Ending.FAILED, "flag", "here something failed"),
     (Ending.COPED, "amber-flag", "here something failed, and was handled"),
+    (Ending.RESOLVED, "olive-flag", f"here something failed, and is {Outcome.RESOLVED}"),
 )
 
 
@@ -51,7 +54,8 @@ def meanings(chart: Chart, scale: Scale) -> list[tuple[str, str]]:
     seen -= {BarKind.QUEUED, BarKind.SUSPENDED} - hatched
     items = [(_LOOKS[key], words) for key, words in MEANINGS.items() if key in seen and key in _LOOKS]
     items += [(f'fill="{CURVE}"', "how many are queued or suspended")] * bool(curves)
-    items += [(f'fill="url(#{flag})"', words) for end, flag, words in _FLAGS if not seen.isdisjoint((end, MARKED[end]))]
+    flags = (one for one in _FLAGS if not seen.isdisjoint((one[0], MARKED.get(one[0], one[0]))))
+    items += [(f'fill="url(#{flag})"', words) for _, flag, words in flags]
     shown = {bar.name for bar in chart.bars()}
     names = [(number, name) for number, name in enumerate(chart.names) if name in shown]
     items += [(f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL)) for number, name in names[:_MOST_NAMES]]

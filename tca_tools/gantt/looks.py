@@ -13,7 +13,13 @@ CHARACTER = 6.5
 LONGEST_LABEL = 40
 _WIDEST = 1.2
 """How much wider than usual letters are where a machine has none of the fonts that are asked for."""
-COLOURS = {Ending.FAILED: "#c81e1e", Ending.COPED: "#f0a500", Ending.KILLED: "#10161d", Ending.NONE: "#10161d"}
+COLOURS = {
+    Ending.FAILED: "#c81e1e",
+    Ending.COPED: "#f0a500",
+    Ending.RESOLVED: "#bdbb00",
+    Ending.KILLED: "#10161d",
+    Ending.NONE: "#10161d",
+}
 """That of what was handled is brighter than all of messages, of which some are orange or gold."""
 AHEAD = "#7ab4f0"
 """What ran ahead of its state, as in figure 7 of the paper."""
@@ -21,6 +27,7 @@ OWN_STYLE = f"""\
 .on {{ fill: #ffffff; font-size: 11px; }} .connected {{ fill: #f1f3f5; }} .in {{ font-size: 11px; }}
 .failed {{ fill: none; stroke: {COLOURS[Ending.FAILED]}; stroke-width: 2; }}
 .coped {{ fill: none; stroke: {COLOURS[Ending.COPED]}; stroke-width: 2; }}
+.resolved {{ fill: none; stroke: {COLOURS[Ending.RESOLVED]}; stroke-width: 2; }}
 .number {{ fill: #3e4c59; font-size: 11px; }}
 .number {{ stroke: #f1f3f5; stroke-width: 4px; stroke-linejoin: round; paint-order: stroke; }}
 .before {{ text-anchor: end; }} .after {{ text-anchor: start; }}

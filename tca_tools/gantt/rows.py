@@ -185,8 +185,8 @@ class Painter:
             yield f'<text class="{kind}" x="{x:.2f}" y="{y:.1f}"{until} pointer-events="none">{text(words)}</text>'
 
     def _flags(self, row: ResourceRow, top: float) -> Iterator[str]:
-        """Flags where something failed, for its bar may be too narrow to be seen: red ones over amber ones."""
-        for ending in (Ending.COPED, Ending.FAILED):
+        """Flags where something failed, for its bar may be too narrow to be seen: red ones over others."""
+        for ending in (Ending.RESOLVED, Ending.COPED, Ending.FAILED):
             found = [(bar.end, bar.title()) for bar in row.handled if bar.ending is ending]
             found += [(one.time, one.title) for bar in row.bars for one in bar.marks if one.ending is ending]
             flags: list[list[tuple[float, str]]] = []

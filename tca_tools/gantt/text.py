@@ -36,7 +36,7 @@ def _legend(chart: Chart, width: int, blocks: dict[str, str]) -> Iterator[str]:
     """The meanings of the characters, in lines of at most *width* columns."""
     looks = {kind: character * 2 for kind, character in blocks.items()}
     looks |= {ending: blocks[BarKind.HANDLED] + character for ending, (character, _) in FAILURES.items()}
-    looks |= {MARKED[ending]: character for ending, (character, _) in MARKS.items()}
+    looks |= {words: MARKS[ending][0] for ending, words in MARKED.items()}
     seen, line = chart.seen(), ""
     for word in (f"{looks[key]} {meaning}" for key, meaning in MEANINGS.items() if key in seen and key in looks):
         if line and len(line) + 2 + len(word) > width:

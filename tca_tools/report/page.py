@@ -13,6 +13,7 @@ from tca_tools.report.contents import CASES, KINDS, Contents
 from tca_tools.report.pictures import Gantt, Strip
 from tca_tools.report.tree import Tree
 from tca_tools.run.fates import GOOD_FATES, HANDLED
+from tca_tools.run.records import TaskState
 from tca_tools.tasktree_viz.words import role
 from tca_tools.terminal import cut
 from tca_wire.text.measures import counted, duration, percent, run_time
@@ -63,6 +64,10 @@ def _clock(began: float | None, time: float) -> str:
         return "at a time that makes no sense"
 
 
+_LOOKS = {HANDLED: "s-handled", TaskState.RESOLVED: "s-resolved"}
+"""The classes of how tasks stand, where that is not their words."""
+
+
 def _environment() -> Environment:
     """Everything that is put into the page is escaped, and has no characters that can't be seen."""
     made = Environment(
@@ -78,7 +83,7 @@ def _environment() -> Environment:
         "run_time": run_time,
         "percent": percent,
         "counted": counted,
-        "looks": lambda standing: "s-handled" if standing == HANDLED else f"s-{standing}",
+        "looks": lambda standing: _LOOKS.get(standing, f"s-{standing}"),
         "short": lambda text, width=_LONGEST_TEXT: cut(first_line(str(text)), width),
     }
     return made

@@ -12,7 +12,7 @@ from enum import StrEnum
 from math import inf
 from operator import attrgetter, itemgetter
 
-from tca_tools.run.records import OVER, Handling, Message, Task, TaskState
+from tca_tools.run.records import DONE, OVER, Handling, Message, Task, TaskState
 from tca_tools.run.whole_run import Run
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome, Role
@@ -149,7 +149,7 @@ def hinges(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
         return [last.by] if is_open and last.by is not None else []
     became, top = _of_task(run, last, when), run.tasks[last.top]
     handler = _last_called(run, last, when, inf)
-    is_through = top.state is TaskState.ACHIEVED or (handler is not None and handler.has_ended)
+    is_through = top.state in DONE or (handler is not None and handler.has_ended)
     if became in (Fate.RETRIED, Fate.DEALT_WITH) or (became is Fate.REPLACED and is_through):
         return []
     return [last, top]
@@ -268,7 +268,7 @@ def _of_killed(run: Run, task: Task, time: float, known: float) -> Fate:
     handler is through was not for this failure.
     """
     top, handler = run.tasks[task.top], _last_called(run, task, time, known)
-    if top is not task and top.state_at(known) is TaskState.ACHIEVED:
+    if top is not task and top.state_at(known) in DONE:
         return Fate.REPLACED
     if handler is None:
         return Fate.NOT_HANDLED

@@ -141,6 +141,10 @@ class ReactionFold(RecordFold):
         self.reissued[fact.handler] = self.time
         self._could_not_decide(fact.handler)
 
+    def _not_dealt_with(self, fact: facts.NotDealtWith) -> None:
+        self.left_open[fact.handler] = self.time
+        self._could_not_decide(fact.handler)
+
     def _exhaust(self, task: TaskId) -> None:
         """Note which exception handlers of a task, or above it, had been called as often as they may."""
         failure, at, above = self._task(task).failure.name, task, [task]

@@ -11,7 +11,7 @@ from math import inf
 from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
-from tca_tools.run.records import LifeChange, Task, TaskState, going_on
+from tca_tools.run.records import DONE, LifeChange, Task, TaskState, going_on
 from tca_tools.run.whole_run import Run
 from tca_wire.errors import BadFormat
 from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, read_life_cycle
@@ -130,8 +130,11 @@ def _implied(cycle: LifeCycle, task: Task, state: str, what: int, time: float) -
         if state != cycle.initial or not (runs or task.was("killed", time) is None):
             return None
         return LifeChange(time, cycle.accepted.name, cycle.accepted.target, 0, Party.SERVER, runs[0] if runs else "")
-    is_done = task.state_at(time) is TaskState.ACHIEVED
-    outcome = Outcome.DONE if is_done else Outcome.FAILED if task.was("failure", time) else Outcome.KILLED
+    state_then = task.state_at(time)
+    is_done, has_failed = state_then in DONE, bool(task.was("failure", time))
+    outcome = Outcome.FAILED if has_failed else Outcome.KILLED
+    if is_done:
+        outcome = Outcome.RESOLVED if state_then is TaskState.RESOLVED else Outcome.DONE
     end = cycle.done if is_done else cycle.cancelled
     by = Party.CENTRAL if outcome is Outcome.KILLED else Party.SERVER
     return LifeChange(time, cycle.ending(state, end, outcome), end, 0, by)

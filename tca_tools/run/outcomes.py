@@ -24,7 +24,8 @@ class RunOutcome:
         self.why = ""
         """Why the first top-level task was killed, if one was."""
         self._states: dict[int, TaskState] = {}
-        self._killed: dict[int, TaskState] = {}
+        self._ends: dict[int, TaskState] = {}
+        """The ends of top-level tasks that are not just achieved."""
 
     @property
     def top(self) -> Counter[TaskState]:
@@ -40,12 +41,19 @@ class RunOutcome:
 
     def _reached(self, fact: facts.Reached) -> None:
         if fact.task in self._states and fact.moments & Moment.END_ACHIEVING:
-            self._states[fact.task] = self._killed.get(fact.task, TaskState.ACHIEVED)
+            self._states[fact.task] = self._ends.get(fact.task, TaskState.ACHIEVED)
 
     def _was_killed(self, fact: facts.Killed) -> None:
         if fact.task in self._states:
-            self._killed[fact.task] = TaskState.FAILED if fact.failed == fact.task else TaskState.KILLED
+            self._ends[fact.task] = TaskState.FAILED if fact.failed == fact.task else TaskState.KILLED
             self.why = self.why or kill_reason(fact.why, fact.by)
+
+    def _recovered(self, fact: facts.Recovered) -> None:
+        if fact.task in self._states:
+            self._ends.setdefault(fact.task, TaskState.RESOLVED)
+
+    def _retried(self, fact: facts.Retried) -> None:
+        self._ends.pop(fact.task, None)
 
     def _closed(self, _fact: facts.Closed) -> None:
         self.is_closed = True
@@ -64,6 +72,8 @@ _TAKE: dict[type, Callable[[RunOutcome, Any], None]] = {
     facts.Received: RunOutcome._received,
     facts.Reached: RunOutcome._reached,
     facts.Killed: RunOutcome._was_killed,
+    facts.Recovered: RunOutcome._recovered,
+    facts.Retried: RunOutcome._retried,
     facts.Closed: RunOutcome._closed,
 }
 

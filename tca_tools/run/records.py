@@ -32,6 +32,7 @@ class TaskState(StrEnum):
     HANDLING = "handling"  # its handler runs and it is being achieved
     ACHIEVING = "achieving"  # its handler is done, what is under it is being achieved
     ACHIEVED = "achieved"
+    RESOLVED = str(Outcome.RESOLVED)  # an exception handler resolved its failure: it did not do what it should
     RECOVERING = "recovering"  # it failed, and an exception handler decides what becomes of it
     SUSPENDED = "suspended"  # nothing of it may be begun, and no handler has it; what is under it may still run
     ENDING = "ending"  # killed, but its handler still runs, or something under it is still to be done
@@ -39,7 +40,9 @@ class TaskState(StrEnum):
     KILLED = "killed"
 
 
-OVER = (TaskState.ACHIEVED, TaskState.FAILED, TaskState.KILLED)
+DONE = (TaskState.ACHIEVED, TaskState.RESOLVED)
+"""States of a task that has ended so that what follows it goes on as planned."""
+OVER = (*DONE, TaskState.FAILED, TaskState.KILLED)
 """States of a task that has ended."""
 
 
@@ -551,7 +554,9 @@ class Task(Message):
             return TaskState.FAILED
         if self.killed is not None:
             return TaskState.KILLED
-        return TaskState.ACHIEVED if has_ended else None
+        if not has_ended:
+            return None
+        return TaskState.RESOLVED if self.failure else TaskState.ACHIEVED
 
     def _running_state(self) -> TaskState:
         times, runs = self.times, self.handlings

@@ -74,6 +74,8 @@ class Reactions:
         self.attached: dict[int, facts.Attached] = {}
         self.reissued: dict[int, float] = {}
         """When which exception handlers passed their failure on."""
+        self.left_open: dict[int, float] = {}
+        """When which exception handlers returned without dealing with their failure."""
         self.unhandled: dict[int, list[float]] = {}
         """For tasks whose failure was not handled when that was so."""
         self.exhausted: dict[int, list[Exhausted]] = {}

@@ -51,6 +51,8 @@ class MessageStats:
     """How often a handler failed, whatever became of that."""
     failed: int = 0
     """How many ended so: tasks in the state "failed", and others that were not handled again."""
+    resolved: int = 0
+    """How many tasks are done after a failure."""
     killed: int = 0
     """How many tasks are in the state "killed"."""
     dropped: int = 0
@@ -147,6 +149,7 @@ def _count(run: Run, stats: MessageStats, message: Message) -> None:
         state = message.state
         end = message.time_of(Moment.END_ACHIEVING) if state is TaskState.ACHIEVED else None
         stats.failed += state is TaskState.FAILED
+        stats.resolved += state is TaskState.RESOLVED
         stats.killed += state is TaskState.KILLED
         stats.open += state not in OVER
     else:

@@ -10,6 +10,7 @@ from tca_tools.terminal import columns_of, cut, padded
 from tca_wire.text.facts_in_words import place
 from tca_wire.text.measures import counted, duration, run_time
 from tca_wire.text.printable import printable
+from tca_wire.vocabulary import Outcome
 
 _WIDTH = 100
 """Where nobody knows how wide the terminal is."""
@@ -17,7 +18,7 @@ _NARROWEST_NAME, _LEAST_NAME = 12, 4
 """Columns of a name for which others are left out, and that it has in any case."""
 _AT_LEAST = "+"
 _NONE = "-"
-_ENDS = ("failed", "killed", "dropped", "open")
+_ENDS = {"failed": "failed", "resolved": Outcome.RESOLVED, "killed": "killed", "dropped": "dropped", "open": "open"}
 
 
 class _Column(NamedTuple):
@@ -92,7 +93,7 @@ def stats_lines(name: str, stats: Stats, width: int | None) -> list[str]:
     if stats.messages:
         rows = [(printable(one.message), one) for one in stats.messages]
         lines += _table("message", _MESSAGES, rows, seconds, width)
-        without = any(one.failed or one.killed or one.dropped for one in stats.messages)
+        without = any(one.failed or one.resolved or one.killed or one.dropped for one in stats.messages)
         lines += ["sent to end: only of what was achieved or answered"] * without
     if stats.resources:
         named = [(printable(place(one.module, one.resource) or "(no handler)"), one) for one in stats.resources]
@@ -107,7 +108,7 @@ def stats_lines(name: str, stats: Stats, width: int | None) -> list[str]:
 
 def _sum(messages: Sequence[MessageStats], what: str) -> str:
     """``8 tasks (1 failed, 2 open)``."""
-    news = [(sum(getattr(stats, ended) for stats in messages), ended) for ended in _ENDS]
+    news = [(sum(getattr(stats, ended) for stats in messages), words) for ended, words in _ENDS.items()]
     said = ", ".join(f"{number} {ended}" for number, ended in news if number)
     return counted(sum(stats.sent for stats in messages), what) + (said and f" ({said})")
 

@@ -31,6 +31,7 @@ FILLS: dict[str, str] = {
     TaskState.ACHIEVING: "#ffe4b0",
     WATCHING: "#cdeef2",
     TaskState.ACHIEVED: "#cfeccb",
+    TaskState.RESOLVED: "#e3e04f",
     TaskState.RECOVERING: "#ffc9a3",
     TaskState.SUSPENDED: "#e6e6c8",
     TaskState.ENDING: "#e8c4c0",

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
-from tca_tools.run.records import OVER, Message, Task, TaskState
+from tca_tools.run.records import DONE, OVER, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.out_of_time import out_of_time
 from tca_tools.why.deciding import called_for, calls, decider, retried
@@ -120,7 +120,7 @@ def _end(run: Run, task: Task, depth: int, moment: float) -> Link | None:
         return None
     became = fate(run, task, raised[-1][0], moment)
     time = _newest_state(task, moment) if at.why_killed is None else task.written("killed", moment)
-    is_replaced = became is Fate.REPLACED and RunAt(run, moment).tasks[task.top].state is TaskState.ACHIEVED
+    is_replaced = became is Fate.REPLACED and RunAt(run, moment).tasks[task.top].state in DONE
     without = f"; {run.describe(task.top)} was achieved without it" if is_replaced else ""
     if became is Fate.OPEN:
         return Link(time, depth, f"{task} is being recovered")

@@ -24,7 +24,7 @@ _KEPT = 2
 """How many tasks of such a run stay at either end."""
 _FEWER = (16, 8, 4, 2, 1)
 """So many of those side by side stay at either end, where there are too many rows."""
-_WORST_FIRST = (TaskState.FAILED, HANDLED, TaskState.KILLED, TaskState.ACHIEVED)
+_WORST_FIRST = (TaskState.FAILED, HANDLED, TaskState.KILLED, TaskState.RESOLVED, TaskState.ACHIEVED)
 
 
 @dataclass(slots=True)

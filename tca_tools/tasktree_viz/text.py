@@ -22,6 +22,7 @@ COLOURS: dict[str, str] = {
     TaskState.ACHIEVING: "cyan",
     WATCHING: "cyan",
     TaskState.ACHIEVED: "green",
+    TaskState.RESOLVED: "bright_yellow",
     TaskState.RECOVERING: "bright_red",
     TaskState.SUSPENDED: "yellow",
     TaskState.ENDING: "bright_red",
@@ -37,7 +38,7 @@ _LEAST_NOTE = 4
 """Columns: where there are fewer nothing is noted."""
 _WIDE = 8
 """Levels whose guides have room."""
-_STATE_WIDTH = max(map(len, TaskState))
+_STATE_WIDTH = max(len(state) for state in TaskState if state is not TaskState.RESOLVED)
 _TIMES_WIDTH = 13
 _GAP = 2
 """Columns between two columns."""

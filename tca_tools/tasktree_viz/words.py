@@ -189,7 +189,7 @@ def with_state(at: RunAt, task: TaskAt, note: TaskNote) -> str:
     told = note.within(None, at.time)
     if not told or note.says_state:
         return told or task.standing
-    if task.state in (TaskState.FAILED, TaskState.KILLED, TaskState.ENDING):
+    if task.state in (TaskState.RESOLVED, TaskState.FAILED, TaskState.KILLED, TaskState.ENDING):
         return f"{task.standing}: {told}"
     says_how = task.failure and task.state is not TaskState.RECOVERING
     return f"{task.state}, failed: {told}" if says_how else f"{task.state}, {told}"

@@ -36,9 +36,20 @@ def calls(at: RunAt, task: Task) -> Iterator[Call]:
             yield Call(record.received, 2 * one, f"{handler} was called{by}{how}")
         if number in run.reissued:
             yield Call(run.reissued[number], 2 * one + 1, f"{run.describe(number)} passed the failure on")
+        if number in run.left_open:
+            how = "returned without dealing with the failure"
+            yield Call(run.left_open[number], 2 * one + 1, f"{run.describe(number)} {how}")
     for spent in run.exhausted.get(task.id, ()):
         later = bisect_left([run.tasks[number].received for number in task.caught_by], spent.time)
         yield Call(spent.time, 2 * later, exhausted(spent))
+
+
+def passed_on(run: Run, handler: int, what: str = "the failure") -> Iterator[tuple[float, str]]:
+    """When, and how, an exception handler let *what* go on up the tree, if it did."""
+    if handler in run.reissued:
+        yield run.reissued[handler], f"passes {what} on"
+    if handler in run.left_open:
+        yield run.left_open[handler], f"returns without dealing with {what}"
 
 
 def exhausted(one: Exhausted) -> str:

@@ -13,7 +13,7 @@ from tca_tools.run.fates import WATCHING, told_to
 from tca_tools.run.records import OVER, HandlerWait, Handling, Message, Task, TaskState
 from tca_tools.run.whole_run import Run
 from tca_tools.terminal import cut
-from tca_tools.why.deciding import decisions, exhausted, retried
+from tca_tools.why.deciding import decisions, exhausted, passed_on, retried
 from tca_tools.why.keepers import WaitPart, parts_in_queue, parts_of_claim
 from tca_tools.why.wait import Wait
 from tca_tools.why.wait_words import of_ahead, of_claim, of_query, of_queueing, told, wait_for
@@ -167,10 +167,9 @@ def _exception_handlers(run: Run, task: Task) -> Iterator[Sentence]:
             for time, failure in found.became("failure"):
                 if failure:
                     yield Sentence(time, f"{found} fails, too: {first_line(failure)}")
-        if handler in run.reissued:
-            yield Sentence(run.reissued[handler], f"{run.describe(handler)} passes the failure on")
-    if task.id in run.reissued:
-        yield Sentence(run.reissued[task.id], f"passes the failure of {run.describe(task.parent)} on")
+        for time, how in passed_on(run, handler):
+            yield Sentence(time, f"{run.describe(handler)} {how}")
+    yield from (Sentence(*one) for one in passed_on(run, task.id, f"the failure of {run.describe(task.parent)}"))
     for retry in task.retries:
         yield Sentence(retry.time, retried(run, task, retry))
     yield from (Sentence(time, text) for time, text in decisions(run, task))

@@ -500,6 +500,19 @@ class Reissued(_Fact, frozen=True, tag="reissued"):
     handler: TaskId
 
 
+class Resolved(_Fact, frozen=True, tag="resolved"):
+    """An exception handler says that its failure is resolved: that counts if its task ends without a failure."""
+
+    handler: TaskId
+
+
+class NotDealtWith(_Fact, frozen=True, tag="not dealt with"):
+    """An exception handler's task ended and left its failure as it was; the search goes on."""
+
+    handler: TaskId
+    task: TaskId
+
+
 class Unhandled(_Fact, frozen=True, tag="unhandled"):
     """No exception handler was found for the failure of a task: its top-level task is killed, or *undecided*."""
 
@@ -510,9 +523,10 @@ class Unhandled(_Fact, frozen=True, tag="unhandled"):
 
 
 class Recovered(_Fact, frozen=True, tag="recovered"):
-    """The failure of a task has been dealt with; the task counts as handled."""
+    """The failure of a task has been dealt with, by *handler*; the task counts as handled."""
 
     task: TaskId
+    handler: TaskId = ROOT
 
 
 class Retried(_Fact, frozen=True, tag="retried"):
@@ -577,7 +591,7 @@ Fact = (
     | Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
     | SuspendedOrResumed | StateChanged | Kept | Released
     | Awaited | WaitBegan | WaitEnded | Claimed | Granted | ClaimEnded
-    | Failed | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried
+    | Failed | Attached | Removed | Caught | Reissued | Resolved | NotDealtWith | Unhandled | Recovered | Retried
     | TapAdded | TapFired | WaitedFor | MonitorTested | MonitorEnded
 )  # fmt: skip
 

@@ -149,7 +149,7 @@ class Fail(_Header, frozen=True, tag=6):
     kinds: Annotated[list[str], MANY] = []
     """The more general failures that this one is a kind of, nearest first."""
     reissue: bool = False
-    """The handler of a failure cannot deal with it: search on, above it."""
+    """The handler of a failure cannot deal with it: search on, above it, at once."""
 
 
 class Recalled(_Header, frozen=True, tag=29):
@@ -280,6 +280,13 @@ class Retry(_Header, frozen=True, tag=16):
     task: TaskId
     new_data: bool = False
     origin: int = 0
+
+
+class Resolve(_Header, frozen=True, tag=55):
+    """The exception handler with the delivery *origin* has dealt with its failure, if its task ends without one."""
+
+    number: int
+    origin: int
 
 
 class Suspend(_Header, frozen=True, tag=17):
@@ -448,7 +455,7 @@ class GoOn(_Header, frozen=True, tag=54):
 
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | AwaitPoint | GiveUp | Kill | Ask | Bye
-    | Receipt | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
+    | Receipt | Attach | Remove | Raise | Retry | Resolve | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
     | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Await | AwaitAny | Release | Noted
     | WatchEntrance | Recalled | Replies | GoOn | ChangeState | Observe
 )  # fmt: skip

@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 
 from tca_wire.points import Point, TaskId
-from tca_wire.vocabulary import Busy, Condition, Limit, MessageClass, Party
+from tca_wire.vocabulary import Busy, Condition, Limit, MessageClass, Outcome, Party
 
 MANY = msgspec.Meta(max_length=int(Limit.LIST))
 """Of a list in a header: so many entries, and no more."""
@@ -109,6 +109,8 @@ class StateChange(_Part, frozen=True):
     is_late: bool = False
     """It was so before the observer came."""
     is_over: bool = False
+    outcome: Outcome | None = None
+    """How it ended, if it *is over*."""
 
 
 class Involved(_Part, frozen=True):

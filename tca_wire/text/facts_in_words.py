@@ -220,6 +220,10 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
         f"{say.name(fact.task)} by {say.name(fact.handler)}, attached to {say.name(fact.at) if fact.at else 'the root'}"
     ),
     facts.Reissued: lambda say, fact: say.name(fact.handler),
+    facts.Resolved: lambda say, fact: say.name(fact.handler),
+    facts.NotDealtWith: lambda say, fact: (
+        f"{say.name(fact.handler)} returned without dealing with the failure of {say.name(fact.task)}"
+    ),
     facts.Unhandled: _unhandled,
     facts.Recovered: lambda say, fact: say.name(fact.task),
     facts.Retried: lambda say, fact: say.name(fact.task) + by_whom(fact.by),

@@ -200,6 +200,11 @@ class Player:
         delivery = delivery or self.delivered(connection)[-1]
         return self.receive(connection, headers.Fail(delivery, failure, "why", **options))
 
+    def resolve(self, connection: str, delivery: int = 0) -> list[Any]:
+        """An exception handler says that its failure is resolved."""
+        origin = delivery or self.delivered(connection)[-1]
+        return self.receive(connection, headers.Resolve(self.number(connection), origin))
+
     def tick(self, seconds: float) -> list[Effect]:
         """Let time pass."""
         self.time += seconds

@@ -73,6 +73,7 @@ def test_what_an_exception_handler_has_killed_or_retried_names_it() -> None:
 def test_a_kill_that_was_planned_names_the_handler_that_planned_it() -> None:
     player, task, handler = recovering()
     player.receive("expert/1", headers.Kill(player.number("expert/1"), TaskId(task), delay=5.0, origin=handler))
+    player.resolve("expert/1")
     player.reply("expert/1")
     player.task("user", "move")
     player.tick(5.0)

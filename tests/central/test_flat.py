@@ -115,6 +115,7 @@ ROUNDS = {
     "a failure that is handled where it is": [
         "user: command move under {at} from outside handlers slipped->help",
         "user: raise slipped on {new}",
+        "helper/1: resolve",
         "helper/1: reply",
         "user: kill {new}",
     ],
@@ -122,6 +123,7 @@ ROUNDS = {
         "user: attach slipped->help to 1",
         "user: command move under {at} from outside",
         "user: raise slipped on {new}",
+        "helper/1: resolve",
         "helper/1: reply",
         "user: kill {new}",
     ],

@@ -76,7 +76,7 @@ def test_who_comes_back_after_its_loss_is_told_why_its_answer_is_too_late(
     assert robot.facts(RequestRefused) == []
 
 
-def test_who_asks_after_the_end_is_told_of_a_failure_that_was_dealt_with() -> None:
+def test_who_asks_after_the_end_is_told_of_a_resolved_failure() -> None:
     """As who has waited since before the end."""
     robot = Player.of("legs: command step", "expert: exception handler shrug", "user")
     robot.receive("user", headers.Attach(robot.number("user"), Attachment("", "shrug")))
@@ -84,11 +84,12 @@ def test_who_asks_after_the_end_is_told_of_a_failure_that_was_dealt_with() -> No
     early = robot.number("user")
     robot.receive("user", headers.AwaitPoint(early, point(step, Moment.END_ACHIEVING)))
     robot.fail("legs/1", "stuck")
+    robot.resolve("expert/1")
     answers = [answer for answer in robot.reply("expert/1") if isinstance(answer, headers.Answer)]
-    assert answers == [headers.Answer(early, Outcome.DONE, "stuck", "why")]
+    assert answers == [headers.Answer(early, Outcome.RESOLVED, "stuck", "why")]
     late = robot.number("user")
     answers = robot.receive("user", headers.AwaitPoint(late, point(step, Moment.END_ACHIEVING)))
-    assert answers == [headers.Answer(late, Outcome.DONE, "stuck", "why")]
+    assert answers == [headers.Answer(late, Outcome.RESOLVED, "stuck", "why")]
 
 
 def recall(player: Player, request: int) -> list[int]:

@@ -137,6 +137,7 @@ def test_calls_of_exception_handlers_that_are_attached_anew_again_and_again_are_
         robot.play("user: attach slipped->help to 1")
         attached = robot.player.central.tree.newest
         robot.play("user: raise slipped on 1")
+        robot.play("helper/1: resolve")
         robot.play("helper/1: reply")
         robot.play(f"user: remove {attached}")
     assert len(robot.player.facts(facts.Caught)) == 100

@@ -6,7 +6,7 @@
                         [kept] [here]
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
                         [every N] [at first] [duration N] [fire every N] [until POINT] [waited for] (monitors)
-    NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | wait POINT [here] | give up | bye
+    NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | resolve [ID] | wait POINT [here] | give up | bye
     NAME: handle MESSAGE no more
     NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | detach ID | raise FAILURE[<KIND...] on TASK
     NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
@@ -191,6 +191,9 @@ class Transcript:
     def reissue(self, name: str, delivery: str) -> list[Any]:
         return self.player.fail(name, "", int(delivery or 0), reissue=True)
 
+    def resolve(self, name: str, delivery: str) -> list[Any]:
+        return self.player.resolve(name, int(delivery or 0))
+
     def attach(self, name: str, what: str, where: str) -> list[Any]:
         place = {"task": TaskId(int(where))} if where.isdigit() else {"message": where}
         header = headers.Attach(self.player.number(name), read_attachment(what), **place)
@@ -334,6 +337,7 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: end monitor (?P<task>\d+)", Transcript.end_monitor),
     (rf"{NAME}: fail (?P<failure>\D+?)(?: (?P<delivery>\d+))?", Transcript.fail),
     (rf"{NAME}: reissue(?: (?P<delivery>\d+))?", Transcript.reissue),
+    (rf"{NAME}: resolve(?: (?P<delivery>\d+))?", Transcript.resolve),
     (rf"{NAME}: attach (?P<what>.+) to (?P<where>\w+)", Transcript.attach),
     (rf"{NAME}: remove (?P<which>\d+)", Transcript.remove),
     (rf"{NAME}: detach (?P<which>\d+)", Transcript.detach),

@@ -147,6 +147,8 @@ class Life:
         if attended:
             delivery = attended[a % len(attended)]
             assert delivery.slot
+            if a % 3 and delivery.role is Role.EXCEPTION:
+                self.player.resolve(delivery.slot.id.decode(), delivery.given_as)
             self.player.reply(delivery.slot.id.decode(), delivery.given_as, value=a)
 
     def fail_(self, a: int, b: int, c: int, *_: int) -> None:

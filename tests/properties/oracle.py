@@ -341,6 +341,11 @@ class Oracle:
         if (node := self._unkilled(header.task)) is not None:
             oracle_failures.retry_now(self.world, node, connection)
 
+    def resolve(self, _: str, header: headers.Resolve, _body: bytes) -> None:
+        node = next((one for one in self.world.nodes.values() if one.slot and one.given_as == header.origin), None)
+        if node is not None and node.role is Role.EXCEPTION:
+            oracle_failures.resolve(node)
+
     def _unkilled(self, task: int) -> Node | None:
         """A task for which it is not too late."""
         node = self.world.nodes.get(task)
@@ -398,6 +403,7 @@ MESSAGES: dict[type, Callable[[Oracle, str, Any, bytes], None]] = {
     headers.Remove: Oracle.remove,
     headers.Raise: Oracle.raise_,
     headers.Retry: Oracle.retry,
+    headers.Resolve: Oracle.resolve,
     headers.Suspend: Oracle.suspend,
     headers.Deadline: Oracle.deadline,
     headers.Lock: Oracle.lock,

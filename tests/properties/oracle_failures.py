@@ -215,11 +215,18 @@ def handler_ended(world: World, handler: Node) -> None:
     """An exception handler and all that it made has ended."""
     assert handler.failing is not None
     node = handler.failing.node
-    if handler.void or node.recovering is not handler:
+    if handler.void or node.killed:
         return
-    node.recovering = None
-    if not node.killed and not node.again:
-        node.returned = True
+    if not handler.resolved:
+        _search_on(world, handler)
+    elif node.recovering is handler:
+        node.recovering, node.returned = None, True
+
+
+def resolve(handler: Node) -> None:
+    """An exception handler has dealt with its failure, if it ends well."""
+    assert handler.failing is not None
+    handler.resolved |= not (handler.void or handler.again or handler.killed or handler.failing.node.killed)
 
 
 def retry(world: World, node: Node) -> None:
@@ -233,16 +240,23 @@ def retry(world: World, node: Node) -> None:
 def retry_now(world: World, node: Node, connection: str) -> None:
     """Somebody asks that a task be handled once more: what is under it ends first, but for the monitors of others."""
     oracle_monitors.stop(world, node)
+    node.resolved = False
+    at_work = [one for one in world.everything() if one.slot == connection]
+    found = max(at_work, key=lambda one: one.turn, default=None)
+    asking = found if isinstance(found, Node) and found.role is Role.EXCEPTION else None
+    if asking is not None:
+        asking.resolved = True
+    for child in world.children(node):
+        if child.role is Role.EXCEPTION:
+            child.void = True
+            for below in world.subtree(child):
+                below.resolved = True
     if SH not in node.past:
         oracle_taps.fire_again(world, node)
         return
     for child in world.children(node):
         if not (child.survives or child.is_guest):
             kill(world, child)
-        elif child.role is Role.EXCEPTION:
-            child.void = True
-    at_work = [one for one in world.everything() if one.slot == connection]
-    asking = max(at_work, key=lambda one: one.turn, default=None)
-    if isinstance(asking, Node) and asking.role is Role.EXCEPTION:
+    if asking is not None:
         node.asking.add(asking)
     retry(world, node)

@@ -67,6 +67,7 @@ class Node(Job):
     recovering: "Node | None" = None
     failing: "Trouble | None" = None  # of an exception handler: what it handles
     void: bool = False
+    resolved: bool = False  # of an exception handler: if it ends well its failure has been dealt with
     attached: list["Attachment"] = field(default_factory=list)
     calls: dict[int, int] = field(default_factory=dict)  # attachment -> how often it was called for this task
     parting: list[str] = field(default_factory=list)

@@ -4,7 +4,7 @@ import { AXIS, drawAxis, drawCursor } from "./axis.js";
 import { clipped, css, prepared } from "./dom.js";
 import { ScrollBar } from "./scroll.js";
 import { BETWEEN, LANE, NAMED, THIN, drawCurve, firstWith, inOrder, placed } from "./rows.js";
-import { wasHandled } from "./store.js";
+import { RESOLVED, wasHandled } from "./store.js";
 import { spanWords } from "./words.js";
 
 const NARROW = 1.5, STRIP = 3; // pixels; the second, of the mark of what ran ahead of its state
@@ -347,7 +347,11 @@ export class Chart {
   }
 
   // Red, or amber if the run had gone on after that failure.
-  #tintOf(span) { return css(wasHandled(span.failure, this.time) ? "--handled" : "--bad"); }
+  #tintOf(span) {
+    const task = this.store.byId.get(span.message);
+    if (task?.states?.at(-1) === RESOLVED && this.store.stateAt(task, this.time) === RESOLVED) return css("--resolved");
+    return css(wasHandled(span.failure, this.time) ? "--handled" : "--bad");
+  }
 
   #outline(x, y, width, tall, style, thick) {
     this.context.strokeStyle = style;

@@ -31,7 +31,9 @@ function parse(buffer, texts) {
   return { head, tables };
 }
 
-export function isOver(state) { return ["achieved", "failed", "killed"].includes(state); }
+export const RESOLVED = "done after a failure";
+
+export function isOver(state) { return ["achieved", RESOLVED, "failed", "killed"].includes(state); }
 
 // States come in the order of time: what is noted of a task is noted of all above it.
 function noteFailure(task, time) {

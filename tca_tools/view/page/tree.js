@@ -3,6 +3,7 @@
 import { ages, dot, element, ruler } from "./dom.js";
 import { Notes } from "./notes.js";
 import { Outline } from "./outline.js";
+import { RESOLVED } from "./store.js";
 import { numbered, seconds } from "./words.js";
 
 const ROW = 24; // pixels, as in style.css
@@ -229,7 +230,7 @@ export class Tree {
 
   #fillTask(line, cell, row) {
     const { task } = row, { fills, handled } = this.store.head, name = this.store.looksOf(task, this.time), isHandled = name === handled;
-    line.classList.add(...isHandled ? ["failed", "handled"] : [name]);
+    line.classList.add(...isHandled ? ["failed", "handled"] : [name === RESOLVED ? "resolved" : name]);
     line.classList.toggle("chosen", task === this.outline.chosen);
     line.classList.toggle("found", this.found.has(task));
     line.dataset.task = task.id;
