@@ -52,5 +52,7 @@ class FailureNotes:
                 break
             above = task
         self._noted[above.id] = NotedFailure(trouble.failure, trouble.text, data)
-        if above.id != trouble.failing.id:
+        if above.id == trouble.failing.id:
+            trouble.resolved()  # the machine decides what comes of it
+        else:
             above.kill(f"{trouble.failing} failed: {trouble.failure}: {trouble.text.partition(chr(10))[0]}")

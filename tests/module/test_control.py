@@ -75,8 +75,9 @@ class Robot:
             raise trouble.reissue()
         trouble.failing.retry(MOVE, trouble.failing.data(MOVE) + 0.05)
 
-    def shrug(self, _: Task) -> None:
+    def shrug(self, task: Task) -> None:
         self.said.append("shrug")
+        task.trouble.resolved()
         self.shrugged.release()
 
 
@@ -94,8 +95,8 @@ def test_a_failure_is_retried_with_new_data_and_reissued_above(robot: tuple[Robo
     user.on_failure(COLLISION, HIGHER, of=MOVE)
     assert user.command(MOVE, 0.28).result(timeout=5) == pytest.approx(0.33)
     task = user.command(MOVE, 0.1)
-    assert task.wait(timeout=5) is Outcome.DONE
-    with pytest.raises(TaskFailed, match="an exception handler dealt with it"):
+    assert task.wait(timeout=5) is Outcome.RESOLVED
+    with pytest.raises(TaskFailed, match="an exception handler resolved it"):
         task.result()
     attempts = ["move 0.1", "rock at 0.3, attempt 1, move", f"move {0.1 + 0.05}", "rock at 0.3, attempt 2, move"]
     assert them.said[-5:] == [*attempts, "shrug"]
@@ -103,9 +104,9 @@ def test_a_failure_is_retried_with_new_data_and_reissued_above(robot: tuple[Robo
 
 def test_exception_handlers_travel_with_the_task_and_can_be_removed(robot: tuple[Robot, Client]) -> None:
     them, user = robot
-    assert user.command(MOVE, 0.1, on_failure=[Recovery(ROCK, SHRUG)]).wait(timeout=5) is Outcome.DONE
+    assert user.command(MOVE, 0.1, on_failure=[Recovery(ROCK, SHRUG)]).wait(timeout=5) is Outcome.RESOLVED
     ladder = [Recovery(None, SHRUG), Recovery(ROCK, HIGHER, maximum=1)]
-    assert user.command(MOVE, 0.1, on_failure=ladder).wait(timeout=5) is Outcome.DONE
+    assert user.command(MOVE, 0.1, on_failure=ladder).wait(timeout=5) is Outcome.RESOLVED
     attempts = ["move 0.1", "rock at 0.3, attempt 1, move", f"move {0.1 + 0.05}", "shrug"]
     assert them.said[-4:] == attempts
     user.on_failure(ROCK, SHRUG, of=MOVE).remove()
@@ -135,7 +136,7 @@ def test_deadlines_delays_and_kills_that_wait(robot: tuple[Robot, Client]) -> No
     late = user.command(REST, deadline=0.02, on_failure=[Recovery(None, SHRUG)])
     assert them.shrugged.acquire(timeout=5)
     them.go_on.release()
-    assert late.wait(timeout=5) is Outcome.DONE
+    assert late.wait(timeout=5) is Outcome.RESOLVED
     moved = user.command(MOVE, 0.5)
     delayed = user.command(
         MOVE, 0.6, sequential=False, constraints=[moved.achieving.end + 0.05 <= this.achieving.start]

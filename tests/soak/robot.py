@@ -168,7 +168,7 @@ class Robot:
         self.send("walk" if is_nested else "adjust", step, Flags.SEQ_ACH | Flags.PLAN_FIRST)
 
     def recover(self, connection: str, header: headers.Deliver) -> None:
-        """Retry what slipped once, reissue what was lost, be content with the rest."""
+        """Retry what slipped once, reissue what was lost, resolve the rest."""
         trouble: Any = header.context
         failing = trouble.failing.task
         if trouble.failure == "slip" and trouble.attempts == 1:
@@ -176,6 +176,7 @@ class Robot:
         if trouble.failure == "module lost":
             self.receive(connection, headers.Fail(header.delivery, "", reissue=True))
         else:
+            self.ask(connection, headers.Resolve, origin=header.delivery)
             self.receive(connection, headers.Reply(header.delivery))
 
     def return_from_moves(self, failure: str = "") -> None:

@@ -31,8 +31,9 @@ def look_again(task: Task, _: int) -> None:
 
 
 @layer.handles(GO_ON_WITHOUT)
-def go_on_without(_: Task, __: int) -> None:
+def go_on_without(task: Task, _: int) -> None:
     """The map reaches some metres further than the next step."""
+    task.trouble.resolved()
 
 
 @layer.handles(FORCE_CHECK)

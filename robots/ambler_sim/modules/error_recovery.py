@@ -89,8 +89,9 @@ def plan_otherwise(task: Task) -> None:
     before = step_task.parent()
     if before is not None and before.message == TAKE_STEPS.name:
         for moved in before.children(ACHIEVED_POSITION):
-            if moved.wait() is not Outcome.DONE:
-                return  # its own recovery has begun, and will plan all that follows anew
+            if not moved.wait().lets_go_on:
+                task.trouble.resolved()  # its own recovery has begun, and will plan all that follows anew
+                return
     task.command(ACQUIRE_IMAGE, step_task.data(TAKE_STEPS).number).wait()
     take_another_step(task, task.query(STANCE), NO_LEG)
 
@@ -115,6 +116,8 @@ def take_another_step(task: Task, stance: Stance, leg: int) -> None:
     if other.step.remaining >= TOLERANCE:
         after = after_step(other.step, other.leg_move.foothold, other.body_move.goal)
         step_task.retry(TAKE_STEPS, Ahead(ahead.arc, after, ahead.number + 1))
+    else:
+        trouble.resolved()
 
 
 def ground(task: Task, stance: Stance) -> ElevationMap:
