@@ -324,7 +324,7 @@ def _recover(central: State, failing: Task, handler: Task) -> None:
 
 def _leave_open(central: State, failing: Task, handler: Task) -> None:
     """Whoever is told of the failure in the end learns here why the task was not just let go on."""
-    central.facts.append(facts.NotDealtWith(TaskId(handler.id), TaskId(failing.id)))
+    central.facts.append(facts.NotResolved(TaskId(handler.id), TaskId(failing.id)))
     trouble: FailureContext = handler.context
     trouble.failure = _with_undecided(trouble.failure, handler, "returned without dealing with it")
     _continue_search(central, handler)

@@ -200,7 +200,7 @@ FOLD: dict[type, Take] = {
     facts.Caught: _of(_TASK, "task", "was caught", failing.caught),
     facts.Reissued: _of(_TASK, "handler", "reissued its failure", failing.reissued),
     facts.Resolved: _of(_TASK, "handler", "resolved its failure", failing.resolved),
-    facts.NotDealtWith: _of(_ITEM, "task", "failed on", failing.not_dealt_with),
+    facts.NotResolved: _of(_ITEM, "task", "failed on", failing.not_resolved),
     facts.Unhandled: _of(_TASK, "task", "failed, unhandled,", failing.unhandled),
     facts.Recovered: _of(_ITEM, "task", "recovered", failing.recovered),
     facts.TapAdded: taps.tap_added,

@@ -178,7 +178,7 @@ def recovered(world: JournalWorld, task: MessageRecord, fact: facts.Recovered) -
     task.failure, task.is_resolved = "", True
 
 
-def not_dealt_with(world: JournalWorld, task: MessageRecord, fact: facts.NotDealtWith) -> None:
+def not_resolved(world: JournalWorld, task: MessageRecord, fact: facts.NotResolved) -> None:
     """An exception handler has ended, and its failure goes on up the tree."""
     if handler := _pop_ended(task):
         if handler.has_resolved:

@@ -154,7 +154,8 @@ class _Filler:
 
     def _failed(self, one: Handling) -> Ending:
         task = self.run.tasks.get(one.message_id)
-        if task is not None and one is task.handlings[-1] and task.state is TaskState.RESOLVED:
+        is_last = task is not None and any(last is one for last in task.handlings[-1:])
+        if is_last and task is not None and task.state is TaskState.RESOLVED:
             return Ending.RESOLVED
         return Ending.COPED if has_coped(self.run, one) else Ending.FAILED
 

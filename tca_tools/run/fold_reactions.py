@@ -141,7 +141,7 @@ class ReactionFold(RecordFold):
         self.reissued[fact.handler] = self.time
         self._could_not_decide(fact.handler)
 
-    def _not_dealt_with(self, fact: facts.NotDealtWith) -> None:
+    def _not_resolved(self, fact: facts.NotResolved) -> None:
         self.left_open[fact.handler] = self.time
         self._could_not_decide(fact.handler)
 

@@ -506,7 +506,7 @@ class Resolved(_Fact, frozen=True, tag="resolved"):
     handler: TaskId
 
 
-class NotDealtWith(_Fact, frozen=True, tag="not dealt with"):
+class NotResolved(_Fact, frozen=True, tag="not resolved"):
     """An exception handler's task ended and left its failure as it was; the search goes on."""
 
     handler: TaskId
@@ -591,7 +591,7 @@ Fact = (
     | Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
     | SuspendedOrResumed | StateChanged | Kept | Released
     | Awaited | WaitBegan | WaitEnded | Claimed | Granted | ClaimEnded
-    | Failed | Attached | Removed | Caught | Reissued | Resolved | NotDealtWith | Unhandled | Recovered | Retried
+    | Failed | Attached | Removed | Caught | Reissued | Resolved | NotResolved | Unhandled | Recovered | Retried
     | TapAdded | TapFired | WaitedFor | MonitorTested | MonitorEnded
 )  # fmt: skip
 

@@ -221,7 +221,7 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     ),
     facts.Reissued: lambda say, fact: say.name(fact.handler),
     facts.Resolved: lambda say, fact: say.name(fact.handler),
-    facts.NotDealtWith: lambda say, fact: (
+    facts.NotResolved: lambda say, fact: (
         f"{say.name(fact.handler)} returned without dealing with the failure of {say.name(fact.task)}"
     ),
     facts.Unhandled: _unhandled,

@@ -287,6 +287,7 @@ def test_a_suspended_monitor_to_begin_anew_waits_for_an_exception_handler_that_i
     player.reply("expert/1")
     assert player.central.tree.tasks[guard].retrying
     player.receive("user", headers.Suspend(player.number("user"), guard, resume=True))
+    player.resolve("expert/2")
     player.reply("expert/2")
     assert not player.central.tree.tasks[guard].retrying
 
@@ -372,8 +373,10 @@ def test_whose_handler_failed_waits_for_that_decision_and_not_for_one_beside(pla
     player.fail("legs/1", "slipped")
     player.receive("user", headers.Raise(player.number("user"), TaskId(walk), "cold"))
     assert player.history.tasks[TaskId(walk)].is_recovering
+    player.resolve("expert/2")
     player.reply("expert/2")  # the second one has ended
     assert player.history.tasks[TaskId(walk)].is_recovering
+    player.resolve("expert/1")
     player.reply("expert/1")
     assert not player.central.tree.tasks
 

@@ -63,6 +63,7 @@ def told_of_control(story: Story, task: TaskId) -> None:
     """Failures that are handled, wiretaps, monitors, suspension and delays."""
     story.say(facts.Attached(20, "slip", "recover", task, "", 3), facts.Attached(21, "", "report", ROOT, "walk", 0))
     story.say(facts.Caught(task, TaskId(22), task, 20), facts.Reissued(TaskId(22)), facts.Unhandled(task))
+    story.say(facts.Resolved(TaskId(22)), facts.NotResolved(TaskId(22), task))
     story.say(facts.Retried(task, b"", "expert"), facts.Recovered(task), facts.Removed(21, "tca detach"))
     story.say(
         facts.TapAdded(23, Condition.BEFORE_HANDLING, "check", "walk", ROOT, "safety"), facts.TapFired(23, task, 0)
