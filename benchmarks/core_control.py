@@ -71,6 +71,10 @@ class Steered(Bench):
             costs.append((time.perf_counter() - begin) / 3)
         return costs
 
+    def resolve(self) -> None:
+        """The expert says that the failure it handles is resolved."""
+        self.event(EXPERT_SLOT, headers.Resolve(self.next(), self.given(EXPERT_SLOT)))
+
     def timed(self, header: Any, connection: ConnectionId = USER) -> float:
         """Seconds that a message takes."""
         begin = time.perf_counter()
@@ -81,10 +85,12 @@ class Steered(Bench):
         """Seconds that each operation takes."""
         top, costs = TaskId(self.top), {}
         costs["failure at the bottom"] = self.timed(headers.Raise(self.next(), TaskId(bottom), "slip"))
+        self.resolve()
         costs["it is handled"] = self.timed(headers.Reply(self.given(EXPERT_SLOT)), EXPERT_SLOT)
         costs["suspend"] = self.timed(headers.Suspend(self.next(), top))
         costs["resume"] = self.timed(headers.Suspend(self.next(), top, resume=True))
         costs["deadline of the top"] = self._pass(DEADLINE)
+        self.resolve()
         costs["that is handled"] = self.timed(headers.Reply(self.given(EXPERT_SLOT)), EXPERT_SLOT)
         costs["kill"] = self.timed(headers.Kill(self.next(), top))
         costs["last handler returns"] = self.timed(headers.Reply(self.given(SLOT)), SLOT)

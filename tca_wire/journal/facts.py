@@ -12,6 +12,8 @@ import msgspec
 
 from tca_wire.constraints import Constraint
 from tca_wire.journal.causes import Cause
+from tca_wire.journal.fact import BaseFact
+from tca_wire.journal.failure_facts import *  # noqa: F403 - they are facts as these
 from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.vocabulary import CENTRAL, Condition, Dropping, MessageClass, Outcome, Party, Refusal, Role, Scope
 from tca_wire.waits import WaitKind
@@ -24,13 +26,10 @@ EntryNumber = Annotated[int, msgspec.Meta(ge=0, le=(1 << 63) - 1)]
 EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
 
 
-class _Fact(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """The base of all facts: an array whose first element is the kind. No fact refers to itself, so none is garbage
-    that Python has to look for (``gc``): a journal is read faster.
-    """
+# --- the journal ------------------------------------------------------------------------------------------------------
 
 
-class Opened(_Fact, frozen=True, tag="opened"):
+class Opened(BaseFact, frozen=True, tag="opened"):
     """A segment begins. *began* is wall-clock time (seconds since 1970) at which the entries' clock showed 0."""
 
     version: int
@@ -40,19 +39,19 @@ class Opened(_Fact, frozen=True, tag="opened"):
     central: str
 
 
-class Closed(_Fact, frozen=True, tag="closed"):
+class Closed(BaseFact, frozen=True, tag="closed"):
     """Central ended of its own will."""
 
     why: str
 
 
-class CentralFailed(_Fact, frozen=True, tag="broke"):
+class CentralFailed(BaseFact, frozen=True, tag="broke"):
     """Central ended by an error of its own. The run may go on: then ``CentralRestarted`` follows."""
 
     why: str
 
 
-class CentralRestarted(_Fact, frozen=True, tag="restarted"):
+class CentralRestarted(BaseFact, frozen=True, tag="restarted"):
     """Central was *away* for so many seconds of wall-clock time (0: not known), in which its clock stood still. No task
     starts before so many connections are back or lost; with *hold* none does until somebody says so.
     """
@@ -62,13 +61,13 @@ class CentralRestarted(_Fact, frozen=True, tag="restarted"):
     hold: bool = False
 
 
-class WentOn(_Fact, frozen=True, tag="went on"):
+class WentOn(BaseFact, frozen=True, tag="went on"):
     """Tasks start again after a restart: all were back or lost, or a module said so."""
 
     by: str = ""
 
 
-class DiskSpace(_Fact, frozen=True, tag="disk"):
+class DiskSpace(BaseFact, frozen=True, tag="disk"):
     """The disk of the journal is nearly full (*is low*): no new tasks are taken; or it has room again."""
 
     is_low: bool
@@ -77,7 +76,7 @@ class DiskSpace(_Fact, frozen=True, tag="disk"):
 # --- modules ----------------------------------------------------------------------------------------------------------
 
 
-class ModuleJoined(_Fact, frozen=True, tag="module joined"):
+class ModuleJoined(BaseFact, frozen=True, tag="module joined"):
     """A module said hello; *module* is its name, made unique among those connected."""
 
     module: str
@@ -86,7 +85,7 @@ class ModuleJoined(_Fact, frozen=True, tag="module joined"):
     """Who runs it: the name of a key, "uid:N" for another user of the computer, "" for the one who runs central."""
 
 
-class ModuleLeft(_Fact, frozen=True, tag="module left"):
+class ModuleLeft(BaseFact, frozen=True, tag="module left"):
     """A module said goodbye, or was *lost*; *why* is for people."""
 
     module: str
@@ -94,21 +93,21 @@ class ModuleLeft(_Fact, frozen=True, tag="module left"):
     lost: bool = False
 
 
-class KeysChanged(_Fact, frozen=True, tag="keys"):
+class KeysChanged(BaseFact, frozen=True, tag="keys"):
     """These keys may connect from now on, and these may no more."""
 
     allowed: list[str]
     revoked: list[str]
 
 
-class PermissionsChanged(_Fact, frozen=True, tag="permissions"):
+class PermissionsChanged(BaseFact, frozen=True, tag="permissions"):
     """From now on so many rules, from that source, say who may do what (-1: none do, everybody may do everything)."""
 
     rules: int
     source: str
 
 
-class ResourceChanged(_Fact, frozen=True, tag="resource"):
+class ResourceChanged(BaseFact, frozen=True, tag="resource"):
     """A resource of a module now takes *capacity* messages at a time."""
 
     module: str
@@ -116,7 +115,7 @@ class ResourceChanged(_Fact, frozen=True, tag="resource"):
     capacity: int
 
 
-class Recalling(_Fact, frozen=True, tag="recalling"):
+class Recalling(BaseFact, frozen=True, tag="recalling"):
     """The slot of a resource is asked what it has ahead and has not begun, or (*is over*) has said so, or is gone.
     Nobody is let in meanwhile.
     """
@@ -126,7 +125,7 @@ class Recalling(_Fact, frozen=True, tag="recalling"):
     is_over: bool = False
 
 
-class FormatDefined(_Fact, frozen=True, tag="format"):
+class FormatDefined(BaseFact, frozen=True, tag="format"):
     """The first declaration of a message (formats as JSON Schema)."""
 
     message: str
@@ -138,7 +137,7 @@ class FormatDefined(_Fact, frozen=True, tag="format"):
     """The table of its tasks' life cycle ("": the general one)."""
 
 
-class HandlerAdded(_Fact, frozen=True, tag="handler"):
+class HandlerAdded(BaseFact, frozen=True, tag="handler"):
     """A module now handles a message, in this resource."""
 
     message: str
@@ -148,14 +147,14 @@ class HandlerAdded(_Fact, frozen=True, tag="handler"):
     """It says itself when it accepts a task."""
 
 
-class HandlerRemoved(_Fact, frozen=True, tag="no handler"):
+class HandlerRemoved(BaseFact, frozen=True, tag="no handler"):
     """A module no longer handles a message."""
 
     message: str
     module: str
 
 
-class RequestRefused(_Fact, frozen=True, tag="refused"):
+class RequestRefused(BaseFact, frozen=True, tag="refused"):
     """A request of a connection (a module's name or, before it said hello, "?") was refused."""
 
     sender: str
@@ -163,7 +162,7 @@ class RequestRefused(_Fact, frozen=True, tag="refused"):
     text: str
 
 
-class Ignored(_Fact, frozen=True, tag="ignored"):
+class Ignored(BaseFact, frozen=True, tag="ignored"):
     """A request of a module changed nothing: it was no longer possible, and the module could not know that."""
 
     sender: str
@@ -173,7 +172,7 @@ class Ignored(_Fact, frozen=True, tag="ignored"):
 # --- messages on their way --------------------------------------------------------------------------------------------
 
 
-class Received(_Fact, frozen=True, tag="received"):
+class Received(BaseFact, frozen=True, tag="received"):
     """Central accepted a message; for a goal or command this is the birth of a task under *parent*.
 
     *origin* is the delivery that the sender was handling when it sent (0: none); *blocking* says that the sender does
@@ -194,7 +193,7 @@ class Received(_Fact, frozen=True, tag="received"):
     """Of central's own messages: the failing, tapped, killed or monitoring task."""
 
 
-class Queued(_Fact, frozen=True, tag="queued"):
+class Queued(BaseFact, frozen=True, tag="queued"):
     """A delivery of message *message_id* waits: for a resource that is busy, or for a handler (module, resource "")."""
 
     id: int
@@ -204,7 +203,7 @@ class Queued(_Fact, frozen=True, tag="queued"):
     priority: int = 0
 
 
-class Unqueued(_Fact, frozen=True, tag="unqueued"):
+class Unqueued(BaseFact, frozen=True, tag="unqueued"):
     """A delivery waits no longer and nobody was given it: its task is held again, suspended or killed, its sender
     gave up, or the handler that had it left.
     """
@@ -212,7 +211,7 @@ class Unqueued(_Fact, frozen=True, tag="unqueued"):
     id: int
 
 
-class Delivered(_Fact, frozen=True, tag="delivered"):
+class Delivered(BaseFact, frozen=True, tag="delivered"):
     """A delivery of message *message_id* was sent to a handler."""
 
     id: int
@@ -228,7 +227,7 @@ class Delivered(_Fact, frozen=True, tag="delivered"):
     """When its handler began, on the clock of the entries, if that was earlier: the slot had the message already."""
 
 
-class Returned(_Fact, frozen=True, tag="returned"):
+class Returned(BaseFact, frozen=True, tag="returned"):
     """The handler of a delivery ended; the body is its reply or result, or the data of its failure."""
 
     id: int
@@ -238,13 +237,13 @@ class Returned(_Fact, frozen=True, tag="returned"):
     """When that was, on the clock of the entries, if it was earlier: its slot tells of several together."""
 
 
-class Answered(_Fact, frozen=True, tag="answered"):
+class Answered(BaseFact, frozen=True, tag="answered"):
     """The sender of a message got its (last) answer."""
 
     id: int
 
 
-class Dropped(_Fact, frozen=True, tag="dropped"):
+class Dropped(BaseFact, frozen=True, tag="dropped"):
     """A message came to nothing, or only what one receiver was to get: a copy of message *copy_of*.
 
     *why* is for people; *where* says, of a query whose sender gave up, where it was then.
@@ -258,7 +257,7 @@ class Dropped(_Fact, frozen=True, tag="dropped"):
     dropping: Dropping = Dropping.OTHER
 
 
-class HandledDirectly(_Fact, frozen=True, tag="direct"):
+class HandledDirectly(BaseFact, frozen=True, tag="direct"):
     """A module handled a message that came from its sender directly; central has seen nothing of it but this note.
 
     *origin* is the delivery whose handler sent it (0: none), *size* the bytes of its data; its handler ended at *ended*
@@ -277,7 +276,7 @@ class HandledDirectly(_Fact, frozen=True, tag="direct"):
     failure: str
 
 
-class LostDirectly(_Fact, frozen=True, tag="direct lost"):
+class LostDirectly(BaseFact, frozen=True, tag="direct lost"):
     """*module* reports that so many informs of *message* ("": notes of direct messages) were sent directly and lost.
     Where the module of their handler died, some may have been handled.
     """
@@ -290,26 +289,26 @@ class LostDirectly(_Fact, frozen=True, tag="direct lost"):
 # --- tasks ------------------------------------------------------------------------------------------------------------
 
 
-class Constrained(_Fact, frozen=True, tag="constrained"):
+class Constrained(BaseFact, frozen=True, tag="constrained"):
     """Constraints were added between tasks that existed."""
 
     constraints: list[Constraint]
 
 
-class TimedOut(_Fact, frozen=True, tag="timed out"):
+class TimedOut(BaseFact, frozen=True, tag="timed out"):
     """A delay is over, or void since its point never came: what this constraint held back is held by it no longer."""
 
     constraint: Constraint
 
 
-class Reached(_Fact, frozen=True, tag="reached"):
+class Reached(BaseFact, frozen=True, tag="reached"):
     """A task reached moments (a bit mask, see points.Moment)."""
 
     task: TaskId
     moments: int
 
 
-class Killed(_Fact, frozen=True, tag="killed"):
+class Killed(BaseFact, frozen=True, tag="killed"):
     """A task was killed. It ends when its handler, if one runs, has returned. *by* is, here and below, the module that
     asked for it, or "central".
     """
@@ -323,7 +322,7 @@ class Killed(_Fact, frozen=True, tag="killed"):
     """The task for whose failure central killed it, since nobody handled that (0: it has another reason)."""
 
 
-class KillPlanned(_Fact, frozen=True, tag="to be killed"):
+class KillPlanned(BaseFact, frozen=True, tag="to be killed"):
     """A task is to be killed, or what *scope* says, when *after* is reached (None: now) and so many seconds more."""
 
     task: TaskId
@@ -334,7 +333,7 @@ class KillPlanned(_Fact, frozen=True, tag="to be killed"):
     by: str
 
 
-class SendPlanned(_Fact, frozen=True, tag="to be sent"):
+class SendPlanned(BaseFact, frozen=True, tag="to be sent"):
     """A message is to be sent when a task is killed that has been started: to leave things safe."""
 
     task: TaskId
@@ -342,7 +341,7 @@ class SendPlanned(_Fact, frozen=True, tag="to be sent"):
     body: bytes
 
 
-class DeadlineSet(_Fact, frozen=True, tag="deadline"):
+class DeadlineSet(BaseFact, frozen=True, tag="deadline"):
     """If a task does not reach a moment within so many seconds from now, the failure "timeout" is raised on it."""
 
     task: TaskId
@@ -350,7 +349,7 @@ class DeadlineSet(_Fact, frozen=True, tag="deadline"):
     seconds: float
 
 
-class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):
+class SuspendedOrResumed(BaseFact, frozen=True, tag="suspended"):
     """A task was suspended or resumed, with all that is under it."""
 
     task: TaskId
@@ -358,7 +357,7 @@ class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):
     by: str = CENTRAL
 
 
-class StateChanged(_Fact, frozen=True, tag="state"):
+class StateChanged(BaseFact, frozen=True, tag="state"):
     """A transition of a task's life cycle that no other fact tells of. Others do of its delivery to a handler, which
     accepts it thereby unless ``HandlerAdded.accepts``, of a retry, and of its end.
     """
@@ -376,14 +375,14 @@ class StateChanged(_Fact, frozen=True, tag="state"):
     """The goal that a client asks for, the other one that its server takes over, or an intermediate result."""
 
 
-class Kept(_Fact, frozen=True, tag="kept"):
+class Kept(BaseFact, frozen=True, tag="kept"):
     """A module keeps a task: its data, outcome and place are remembered after its end."""
 
     task: TaskId
     module: str
 
 
-class Released(_Fact, frozen=True, tag="released"):
+class Released(BaseFact, frozen=True, tag="released"):
     """A module keeps a task no longer; or ("") its record is gone, for all."""
 
     task: TaskId
@@ -393,13 +392,13 @@ class Released(_Fact, frozen=True, tag="released"):
 # --- waits and locks --------------------------------------------------------------------------------------------------
 
 
-class Awaited(_Fact, frozen=True, tag="awaited"):
+class Awaited(BaseFact, frozen=True, tag="awaited"):
     """The sender of a query or multi-query, which had gone on, waits for its answer from now on."""
 
     id: int
 
 
-class _WaitFact(_Fact, frozen=True):
+class _WaitFact(BaseFact, frozen=True):
     module: str
     origin: int
     task: TaskId
@@ -421,7 +420,7 @@ class WaitEnded(_WaitFact, frozen=True, tag="wait ended"):
     """Such a wait ended. Of what moment it was is not said."""
 
 
-class Claimed(_Fact, frozen=True, tag="claimed"):
+class Claimed(BaseFact, frozen=True, tag="claimed"):
     """A module waits to lock a resource, or (*is_reserved*) to reserve it, in delivery *origin* (0: in none)."""
 
     id: int
@@ -432,115 +431,23 @@ class Claimed(_Fact, frozen=True, tag="claimed"):
     origin: int
 
 
-class Granted(_Fact, frozen=True, tag="granted"):
+class Granted(BaseFact, frozen=True, tag="granted"):
     """A resource is locked, or reserved, from now on."""
 
     id: int
 
 
-class ClaimEnded(_Fact, frozen=True, tag="claim ended"):
+class ClaimEnded(BaseFact, frozen=True, tag="claim ended"):
     """A resource is not locked or reserved any more, or is no longer waited for to be."""
 
     id: int
     why: str
 
 
-# --- failures ---------------------------------------------------------------------------------------------------------
-
-
-class Failed(_Fact, frozen=True, tag="failed"):
-    """A failure was raised on a task or message, or on what one receiver got: a copy of message *copy_of*.
-
-    Of a module that was lost no handler returns: this ends its part. A failure that is raised *beside* the handler
-    changes nothing for the one that has the task. Of that one *by* is the module that raised it, or "central", and
-    *body* the failure's data; else the handler raised it, and they are "" and empty.
-    """
-
-    id: int
-    failure: str
-    text: str
-    is_beside: bool = False
-    by: str = ""
-    body: bytes = b""
-    copy_of: int = 0
-
-
-class Attached(_Fact, frozen=True, tag="attached"):
-    """Exception handler *handler* takes care of a failure ("": any) of a task, or of all tasks of a message."""
-
-    id: int
-    failure: str
-    handler: str
-    task: TaskId
-    message: str
-    maximum: int
-
-
-class Removed(_Fact, frozen=True, tag="removed"):
-    """An exception handler or wiretap was taken away."""
-
-    id: int
-    by: str
-
-
-class Caught(_Fact, frozen=True, tag="caught"):
-    """The failure of a task is handled: task *handler* was made for it, by attachment *attachment* of task *at*."""
-
-    task: TaskId
-    handler: TaskId
-    at: TaskId
-    attachment: int
-    is_beside: bool = False
-    """The failure was raised beside the task's handler: that goes on, or another exception handler decides about it."""
-
-
-class Reissued(_Fact, frozen=True, tag="reissued"):
-    """An exception handler could not deal with its failure; the search goes on."""
-
-    handler: TaskId
-
-
-class Resolved(_Fact, frozen=True, tag="resolved"):
-    """An exception handler says that its failure is resolved: that counts if its task ends without a failure."""
-
-    handler: TaskId
-
-
-class NotResolved(_Fact, frozen=True, tag="not resolved"):
-    """An exception handler's task ended and left its failure as it was; the search goes on."""
-
-    handler: TaskId
-    task: TaskId
-
-
-class Unhandled(_Fact, frozen=True, tag="unhandled"):
-    """No exception handler was found for the failure of a task: its top-level task is killed, or *undecided*."""
-
-    task: TaskId
-    undecided: TaskId = ROOT
-    """The exception handler that could not decide because of it: it is killed, and the search for the failure that it
-    was called for goes on after it."""
-
-
-class Recovered(_Fact, frozen=True, tag="recovered"):
-    """The failure of a task has been dealt with, by *handler*; the task counts as handled."""
-
-    task: TaskId
-    handler: TaskId = ROOT
-
-
-class Retried(_Fact, frozen=True, tag="retried"):
-    """A task will be handled again when all under it has ended, with the body as its data if there is one."""
-
-    task: TaskId
-    body: bytes
-    by: str
-
-
 # --- wiretaps and monitors --------------------------------------------------------------------------------------------
 
 
-class TapAdded(_Fact, frozen=True, tag="tap"):
+class TapAdded(BaseFact, frozen=True, tag="tap"):
     """A wiretap: *listener* is sent whenever the condition comes true of a message, or of one task. *by* is the module
     that asked for it first.
     """
@@ -553,7 +460,7 @@ class TapAdded(_Fact, frozen=True, tag="tap"):
     by: str
 
 
-class TapFired(_Fact, frozen=True, tag="tapped"):
+class TapFired(BaseFact, frozen=True, tag="tapped"):
     """A wiretap sent its listener (message *listener*; 0: nobody handles it, so nothing was sent)."""
 
     tap: int
@@ -561,7 +468,7 @@ class TapFired(_Fact, frozen=True, tag="tapped"):
     listener: int
 
 
-class WaitedFor(_Fact, frozen=True, tag="waited for"):
+class WaitedFor(BaseFact, frozen=True, tag="waited for"):
     """A polling or demon monitor was sent to be waited for: else it would end at the latest when its parent waits for
     nothing but such monitors.
     """
@@ -569,14 +476,14 @@ class WaitedFor(_Fact, frozen=True, tag="waited for"):
     monitor: TaskId
 
 
-class MonitorTested(_Fact, frozen=True, tag="tested"):
+class MonitorTested(BaseFact, frozen=True, tag="tested"):
     """The condition of a monitor was asked; whether it holds."""
 
     monitor: TaskId
     holds: bool
 
 
-class MonitorEnded(_Fact, frozen=True, tag="monitor ended"):
+class MonitorEnded(BaseFact, frozen=True, tag="monitor ended"):
     """A monitor watches no longer."""
 
     monitor: TaskId
@@ -591,7 +498,8 @@ Fact = (
     | Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
     | SuspendedOrResumed | StateChanged | Kept | Released
     | Awaited | WaitBegan | WaitEnded | Claimed | Granted | ClaimEnded
-    | Failed | Attached | Removed | Caught | Reissued | Resolved | NotResolved | Unhandled | Recovered | Retried
+    | Failed | Attached | Removed | Caught | Reissued | Resolved | NotResolved | Unhandled | Recovered  # noqa: F405
+    | Retried  # noqa: F405
     | TapAdded | TapFired | WaitedFor | MonitorTested | MonitorEnded
 )  # fmt: skip
 

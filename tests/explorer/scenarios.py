@@ -176,7 +176,7 @@ def late(*properties: Property, handled: bool = False) -> Scenario:
     scenario = Scenario("a deadline", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
     expert = scenario.module("expert")
-    expert.handles(HIGHER)(lambda _: None)
+    expert.handles(HIGHER)(resolves)
 
     @expert.handles(REPLAN)
     def replan(task: Task) -> None:
@@ -214,8 +214,8 @@ def helped(*properties: Property, may_leave: bool = False) -> Scenario:
     """Two steps slip; a helper that may go comes to one at a time, and who stands by makes up for what it can't do."""
     scenario = Scenario("two steps slip", *properties)
     scenario.module("legs", capacity=2).handles(STEP)(slips)
-    scenario.module("helper", may_be_lost=1, may_leave=may_leave).handles(HIGHER)(lambda _: None)
-    scenario.module("office").handles(REPLAN)(lambda _: None)
+    scenario.module("helper", may_be_lost=1, may_leave=may_leave).handles(HIGHER)(resolves)
+    scenario.module("office").handles(REPLAN)(resolves)
 
     @scenario.module("user").does
     def story(me: Script) -> None:
@@ -225,6 +225,11 @@ def helped(*properties: Property, may_leave: bool = False) -> Scenario:
             one.wait()
 
     return scenario
+
+
+def resolves(task: Task) -> None:
+    """Whatever the failure is."""
+    task.trouble.resolved()
 
 
 def slips(_: object) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from explorer import scenarios
-from explorer.scenarios import BATTERY, CHECK, HIGHER, RECHARGE, REPLAN, REST, SLIPPED, STEP, WALK, slips
+from explorer.scenarios import BATTERY, CHECK, HIGHER, RECHARGE, REPLAN, REST, SLIPPED, STEP, WALK, resolves, slips
 from explorer.test_rules import crowd
 from explorer.test_steering import parting, retried_while_running, walk_is_over
 from msgspec.structs import replace
@@ -39,7 +39,7 @@ from tca_explorer import (
     retried,
     sent,
 )
-from tca_module import Condition
+from tca_module import Condition, Recovery
 from tca_wire.packets.headers import Send
 from tca_wire.packets.parts import WatchOptions
 
@@ -128,6 +128,10 @@ def one_that_could_not_decide_is_the_last_that_is_asked(patch: Patch) -> None:
     patch.setattr(failures, "NOT_BY_CHOICE", frozenset())
 
 
+def who_only_observes_has_dealt_with_it(patch: Patch) -> None:
+    patch.setattr(failures, "_leave_open", failures._recover)
+
+
 def calls_of_a_handler_are_not_counted(patch: Patch) -> None:
     real = failures._find
 
@@ -193,6 +197,8 @@ def once(*properties: Any, retries: bool = True) -> tca.Scenario:
     def higher(task: tca.Task) -> None:
         if retries:
             task.trouble.failing.retry()
+        else:
+            task.trouble.resolved()
 
     @scenario.module("user").does
     def story(me: tca.Script) -> None:
@@ -202,12 +208,29 @@ def once(*properties: Any, retries: bool = True) -> tca.Scenario:
     return scenario
 
 
+def observed(*properties: Any) -> tca.Scenario:
+    """A step slips, and an exception handler resolves that or only looks on."""
+    scenario = tca.Scenario("observed", *properties)
+    scenario.module("legs").handles(STEP)(slips)
+
+    @scenario.module("expert").handles(HIGHER)
+    def higher(task: tca.Task) -> None:
+        if task.choose("looks on", "resolves") == "resolves":
+            task.trouble.resolved()
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        me.command(STEP, on_failure=[Recovery(SLIPPED, HIGHER)]).wait()
+
+    return scenario
+
+
 def mortal(*properties: Any) -> tca.Scenario:
     """An exception handler whose module may die, and another one further out."""
     scenario = tca.Scenario("mortal", *properties)
     scenario.module("legs").handles(STEP)(slips)
-    scenario.module("expert", may_be_lost=1).handles(HIGHER)(lambda _: None)
-    scenario.module("office").handles(REPLAN)(lambda _: None)
+    scenario.module("expert", may_be_lost=1).handles(HIGHER)(resolves)
+    scenario.module("office").handles(REPLAN)(resolves)
 
     @scenario.module("user").does
     def story(me: tca.Script) -> None:
@@ -270,6 +293,7 @@ BROKEN: dict[Callable[[Patch], None], Callable[[], tca.Result]] = {
         scenarios.ladder(at_most_in_all(4, sent(HIGHER)))
     ),
     one_that_could_not_decide_is_the_last_that_is_asked: lambda: tca.explore(mortal(never(killed(STEP)))),
+    who_only_observes_has_dealt_with_it: lambda: tca.explore(observed()),
     calls_of_a_handler_are_not_counted: lambda: tca.explore(once()),
     what_was_dealt_with_goes_on_for_ever: lambda: tca.explore(once(never_stuck(), retries=False)),
     a_deadline_takes_the_task_from_its_handler: lambda: tca.explore(scenarios.late(never_stuck(), handled=True)),

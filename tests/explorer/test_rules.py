@@ -19,6 +19,7 @@ from tca_explorer import (
     never,
     never_stuck,
     planned,
+    resolved,
 )
 from tca_wire.messages.declarations import Command
 
@@ -172,7 +173,7 @@ def test_without_its_legs_it_waits() -> None:
 
 # --- who waits for an exception handler is helped by somebody ---------------------------------------------------------
 
-ALL_ENDS = (never_stuck(), never(killed(STEP)), eventually(achieved(STEP)))
+ALL_ENDS = (never_stuck(), never(killed(STEP)), eventually(resolved(STEP)))
 
 
 @pytest.mark.parametrize("may_leave", [False, pytest.param(True, marks=pytest.mark.soak)])
