@@ -12,7 +12,7 @@ from tca_tools.analysis.long_waits import KINDS as HEADINGS
 from tca_tools.report.contents import CASES, KINDS, Contents
 from tca_tools.report.pictures import Gantt, Strip
 from tca_tools.report.tree import Tree
-from tca_tools.run.fates import GOOD_FATES, HANDLED
+from tca_tools.run.fates import GOOD_FATES, HANDLED, Fate
 from tca_tools.run.records import TaskState
 from tca_tools.tasktree_viz.words import role
 from tca_tools.terminal import cut
@@ -38,7 +38,7 @@ def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | Non
             name=name, damage=damage, found=found, run=run, tree=tree, gantt=gantt, strips=strips, style=style,
             drawn=Markup,  # of what the pictures' makers have escaped
             verdict=verdict, began=_clock(run.began, run.start), now=now,
-            fate_class=lambda fate: "good" if fate in GOOD_FATES else "bad",
+            fate_class=lambda fate: _FATES.get(fate, "good" if fate in GOOD_FATES else "bad"),
             kinds_of_waits=HEADINGS, longest_said=_LONGEST_SAID, kinds_shown=KINDS, cases_shown=CASES,
             whole_texts=_whole_texts, role=role,
         )
@@ -66,6 +66,9 @@ def _clock(began: float | None, time: float) -> str:
 
 _LOOKS = {HANDLED: "s-handled", TaskState.RESOLVED: "s-resolved"}
 """The classes of how tasks stand, where that is not their words."""
+
+
+_FATES = {Fate.DEALT_WITH: "s-resolved"}
 
 
 def _environment() -> Environment:

@@ -43,7 +43,7 @@ class Robot:
         for name, failing in ((STEP, True), (SWING, False)):
             self.legs.handles(name)(lambda task, failing=failing: self.move(task, failing))
         self.legs.handles(WEIGH)(lambda task: self.move(task, True))
-        self.expert.handles(LOOK)(lambda task: self.looks.pop(0)(task))
+        self.expert.handles(LOOK)(self.look)
         self.helper.handles(MEND)(self.mend)
 
     def walk(self, task: Task) -> None:
@@ -56,9 +56,12 @@ class Robot:
         if failing:
             raise SLIP(text="on ice")
 
+    def look(self, task: Task) -> Any:
+        return self.looks.pop(0)(task)
+
     def mend(self, _: Task) -> None:
         if not self.mends:
-            raise JAM()
+            raise JAM(text="it does not move")
 
 
 @pytest.fixture
