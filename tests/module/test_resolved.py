@@ -126,7 +126,8 @@ def test_result_of_a_resolved_task_is_an_error_when_declared(robot: tuple[Robot,
 def test_failure_beside_a_handler_is_resolved_or_ends_the_task(robot: tuple[Robot, Client]) -> None:
     them, user = robot
     go_on, calls = threading.Event(), threading.Semaphore(0)
-    scales, slow = Module("scales", them.legs.central), Command("weigh slowly", result=float | None)
+    scales = Module("scales", them.legs.central)
+    slow: Command[None, float | None] = Command("weigh slowly", result=float | None)
     scales.handles(slow)(lambda _: go_on.wait(SOON) and None)
     with scales.running():
         for look, outcome in ((resolve, Outcome.RESOLVED), (observe, Outcome.FAILED)):

@@ -36,7 +36,7 @@ from robots.ambler_sim.recovery import (
     WALK_GIVEN_UP,
 )
 from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Contact, ElevationMap, Stance
-from tca_module import Module, Outcome, Scope, Task, TaskRef, Trouble
+from tca_module import Module, Scope, Task, TaskRef, Trouble
 
 REPLANNED_AT_MOST = 3
 """How often for one step."""
