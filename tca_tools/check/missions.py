@@ -23,7 +23,7 @@ def check_status(world: JournalWorld, item: MessageRecord, fact: facts.Returned)
 
 def check_recovered(world: JournalWorld, task: MessageRecord) -> None:
     """A failure of a task has been dealt with: the mission itself does not do that."""
-    handler = world.items.get(task.ended_handlers[0]) if task.ended_handlers else None
+    handler = task.ended_handlers[0] if task.ended_handlers else None
     if handler is not None and handler.message.startswith("mission ") and _is_of_mission(world, task):
         world.broken(MISSION, task, f"failed ({task.failure}), and counts as done, since {handler} dealt with that")
 
