@@ -13,7 +13,7 @@ from secrets import token_hex
 import click
 
 from tca_central.core import Central
-from tca_central.errors import CentralError
+from tca_central.errors import CentralError, DiskFull
 from tca_central.loading import is_compiled
 from tca_central.shell.bytes_option import Bytes
 from tca_central.shell.door import make_room
@@ -27,6 +27,7 @@ from tca_central.shell.server import LOST_AFTER, Daemon
 from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals, journal_link
 from tca_wire.errors import KeyRefused
 from tca_wire.keys import keys_folder
+from tca_wire.vocabulary import DISK_FULL
 
 log = logging.getLogger("tca.central")
 
@@ -38,6 +39,10 @@ LOOPBACK = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:")
 INSECURE = "anybody on this computer can connect, and do everything (--insecure): make keys with 'tca keys new NAME'"
 
 CORE = "compiled" if is_compiled() else "pure Python"
+
+
+class _NoRoom(click.ClickException):
+    exit_code = DISK_FULL
 
 
 def _new_journal_folder() -> Path:
@@ -206,7 +211,7 @@ def central(  # noqa: PLR0913 - one for each option
         gc.freeze()  # what lasts as long as central need not be looked through each time
         server.serve()
     except (CentralError, KeyRefused) as error:
-        raise click.ClickException(str(error)) from None
+        raise (_NoRoom if isinstance(error, DiskFull) else click.ClickException)(str(error)) from None
     finally:
         if server is not None:
             server.close()

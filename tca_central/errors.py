@@ -2,8 +2,11 @@
 
 RequestError         a module asked for something that can't be done: it is refused, nothing of it remains
 CentralError         central cannot start or go on: the address is taken, the journal can't be written
+DiskFull             it can as soon as the disk has room
 ImageError           the state cannot be written down, or bytes are no state that was
 """
+
+import errno
 
 from tca_wire.vocabulary import Limit, Refusal, is_name
 
@@ -29,6 +32,15 @@ def check_name(kind: str, name: str, *, or_none: bool = False) -> None:
 
 class CentralError(Exception):
     """Central cannot start or go on; the text says what, which and what to do."""
+
+
+class DiskFull(CentralError):
+    """Central can start, or continue, as soon as the disk has room."""
+
+
+def disk_error(error: OSError, text: str) -> CentralError:
+    """The error with that text for what the disk has refused."""
+    return (DiskFull if error.errno in (errno.ENOSPC, errno.EDQUOT) else CentralError)(text)
 
 
 class ImageError(CentralError):

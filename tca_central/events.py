@@ -122,6 +122,8 @@ class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     """No task starts until somebody says so, not only until all are back."""
     skipped: int = 0
     """Numbers that are not given: they may have been, and that was lost with the disk's last second."""
+    aside: int = 0
+    """Entries that the journal had of what was lost."""
 
 
 class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):

@@ -73,6 +73,8 @@ class Launch(msgspec.Struct, frozen=True, kw_only=True):
     env: dict[str, str]
     limits: Limits
     restart: str = "always"
+    journal: Path | None = None
+    """The folder of central's."""
     restarts_hung: bool = False
     """Start it again when central has heard nothing of it though its process lives."""
 
@@ -140,7 +142,8 @@ def _central(table: _CentralTable, address: str, folder: Path) -> Launch:
     new = default_journals() / f"{time.strftime('%Y-%m-%dT%H-%M-%S')}-{os.getpid()}"
     journal = _path(folder, table.journal) if table.journal else new
     command = [sys.executable, "-m", "tca_central", "--bind", address, "--journal", str(journal), *table.options]
-    return Launch(name=CENTRAL, command=command, cwd=folder, env=_environment(address, {}), limits=table)
+    environment = _environment(address, {})
+    return Launch(name=CENTRAL, command=command, cwd=folder, env=environment, limits=table, journal=journal)
 
 
 def _copies(name: str, given: Any, common: dict[str, Any], address: str, folder: Path) -> list[Launch]:

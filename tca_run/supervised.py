@@ -6,13 +6,17 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from tca_run import guard
 from tca_run.output import Lines, Output
 from tca_run.restarts import Restarts, how_it_ended
 from tca_run.robot_file import Launch
+from tca_run.room import has_room
+from tca_wire.vocabulary import DISK_FULL
 
+_LEAST_DELAY = 0.1  # seconds between two looks for room
 _LAST_WORDS = 1.0  # seconds to read what an ended process has said, should another one hold its pipe
 
 
@@ -48,6 +52,9 @@ class Supervised:
                 if code is not None:
                     self._tell(f"{self.program.name} {how_it_ended(code)}")
                 return
+            if code == DISK_FULL and self.program.journal is not None:
+                await self._until_room(self.program.journal, stop)
+                continue
             how = "hung and was killed" if self._is_hung else "can't be started" if code is None else how_it_ended(code)
             lived = f" after {time.monotonic() - began:.1f} s" if code is not None else ""
             if self.program.restart == "never" or (self.program.restart == "on-failure" and code == 0):
@@ -60,6 +67,17 @@ class Supervised:
             self._tell(f"{self.program.name} {how}{lived}, starts again in {delay:g} s ({count})")
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), delay)
+
+    async def _until_room(self, journal: Path, stop: asyncio.Event) -> None:
+        """Wait until the journal's disk has room: no number of starts makes some."""
+        self._tell(f"{self.program.name} waits for room on the disk of {journal}")
+        delay, longest = self.program.limits.delay, self.program.limits.longest_delay
+        while not stop.is_set():
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(stop.wait(), max(delay, _LEAST_DELAY))
+            if await asyncio.to_thread(has_room, journal):
+                return
+            delay = min(2 * delay, longest)
 
     def kill_hung(self) -> None:
         """Kill its process, which stands still; it is started again."""

@@ -214,6 +214,9 @@ class Permission(StrEnum):
 CENTRAL = "central"
 """The sender of central's own messages, and the author of its own actions."""
 
+DISK_FULL = 75
+"""The exit code of a central that could not write for lack of room: started again when there is some, it continues."""
+
 LONGEST_TIME = 3.2e8
 """Seconds, ten years: nothing can be asked for later than this."""
 

@@ -30,7 +30,7 @@ def on_restarted(central: State, event: Restarted) -> None:
     central.dispatcher.is_holding = True
     central.clock.cancel(central.hold.grace)
     central.hold.grace = central.clock.after(checked_seconds(event.grace, "a grace"), Due.GRACE, None)
-    central.facts.append(facts.CentralRestarted(event.away, len(known), event.hold))
+    central.facts.append(facts.CentralRestarted(event.away, len(known), event.hold, event.skipped > 0, event.aside))
     go_on_if_complete(central)
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from tca_central.core import Central
 from tca_central.image.encoder import encode, may_be_taken
-from tca_central.shell.input_log import IMAGE_SUFFIX, INPUT_SUFFIX, InputLog
+from tca_central.shell.input_log import DRAFT_SUFFIX, IMAGE_SUFFIX, INPUT_SUFFIX, InputLog
 from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, numbers, sync_path
 
 EVENTS_BETWEEN, MOST_BETWEEN = 10_000, 50_000
@@ -114,13 +114,18 @@ def _write_and_exit(central: Central, path: Path, facts: Path) -> None:
 
 def write_image(image: bytes, path: Path) -> None:
     """Write an image, all or nothing. Raises OSError."""
-    draft = path.with_suffix(".draft")
+    draft = path.with_suffix(DRAFT_SUFFIX)
     file = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
     data = memoryview(image)
-    while data:
-        data = data[os.write(file, data) :]
-    os.fsync(file)
-    os.close(file)
-    draft.rename(path)
+    try:
+        while data:
+            data = data[os.write(file, data) :]
+        os.fsync(file)
+        draft.rename(path)
+    except OSError:
+        draft.unlink(missing_ok=True)  # what is half written takes room where there is none
+        raise
+    finally:
+        os.close(file)
     with contextlib.suppress(OSError):
         sync_path(path.parent)

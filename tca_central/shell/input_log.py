@@ -4,6 +4,7 @@ An image of the state, NNNNNNNN.tcas, is the state at the beginning of the segme
 inputs since give the state anew (recovery.py).
 """
 
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,12 +12,14 @@ from pathlib import Path
 import msgspec
 
 from tca_central.events import Input
-from tca_central.shell.log_writer import LogWriter, Sync, numbers
-from tca_wire.journal.frames import framed, payloads
+from tca_central.shell.log_writer import LogWriter, Sync, cut, numbers
+from tca_wire.journal.frames import framed, has_record, payloads
+from tca_wire.packets.headers import PROTOCOL_VERSION
 
 INPUT_SUFFIX = ".tcai"
 IMAGE_SUFFIX = ".tcas"
-INPUT_VERSION = 1
+DRAFT_SUFFIX = ".draft"
+INPUT_VERSION = 2
 
 _encode = msgspec.msgpack.Encoder().encode
 _decode = msgspec.msgpack.Decoder(Input).decode
@@ -43,6 +46,12 @@ class Head(msgspec.Struct, frozen=True, array_like=True, tag="inputs"):
     boot: str
     clock: float  #: of central, at that time
     wall: float  #: seconds since 1970
+    protocol: int = 0  #: of the packets that the inputs are
+
+    @property
+    def is_readable(self) -> bool:
+        """Whether this version can handle the inputs again."""
+        return (self.version, self.protocol) == (INPUT_VERSION, PROTOCOL_VERSION)
 
 
 class Ended(msgspec.Struct, frozen=True, array_like=True, tag="end"):
@@ -64,7 +73,9 @@ class InputLog(LogWriter):
         self, folder: Path, *, epoch: str, version: str, sync: Sync = Sync.BATCH, clock: float | None = None
     ) -> None:
         """*clock*: central's, in a run that goes on; None: it begins."""
-        self._head = Head(INPUT_VERSION, epoch, version, clock is None, sync, this_boot(), clock or 0.0, 0.0)
+        self._head = Head(
+            INPUT_VERSION, epoch, version, clock is None, sync, this_boot(), clock or 0.0, 0.0, PROTOCOL_VERSION
+        )
         super().__init__(folder, INPUT_SUFFIX, sync)
 
     def head(self) -> bytes:
@@ -106,22 +117,37 @@ class InputSegment:
         self.end = 0
         self.head: Head | None = None
         with path.open("rb") as stream:
-            for self.end, payload in payloads(stream):
-                self.head = _head_of(payload)
+            for place, payload in payloads(stream):
+                if (head := _head_of(payload)) is not None:
+                    self.head, self.end = head, place
                 break
         self._begin = self.end
+
+    @property
+    def is_torn(self) -> bool:
+        """Whether what follows the last sound record, if anything does, was being written: no record is in it."""
+        with self.path.open("rb") as stream:
+            stream.seek(self.end)
+            return not has_record(stream.read())
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it has no input, as a start that failed leaves it."""
+        return next(iter(self), None) is None and self.is_torn
 
     def end_run(self, why: str) -> None:
         """Write that the run has ended, behind the last sound record. Raises OSError."""
         for _ in self:
             pass
-        with self.path.open("r+b") as stream:
-            stream.truncate(self.end)
-            stream.seek(self.end)
+        cut(self.path, self.end)
+        with self.path.open("ab") as stream:
             stream.write(framed(_encode(Ended(why))))
+            stream.flush()
+            os.fsync(stream.fileno())
 
     def __iter__(self) -> Iterator[Input | Ended]:
         """Its inputs, up to the first record that is not sound."""
+        self.end = self._begin
         with self.path.open("rb") as stream:
             stream.seek(self._begin)
             for place, payload in payloads(stream):

@@ -14,11 +14,13 @@ from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 
-from tca_central.errors import CentralError
+from tca_central.errors import CentralError, disk_error
+from tca_wire.journal.frames import has_record
 
 SEGMENT_BYTES = 64 << 20
 SYNC_PERIOD = 1.0
 LOCK_PATIENCE = 1.0  # seconds
+ASIDE = "-aside"
 WRITE_LATER = 256 << 10
 """Under ``none``: bytes that may wait in memory."""
 
@@ -58,7 +60,7 @@ def lock_folder(folder: Path) -> int:
         locked = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
     except OSError as error:
         msg = f"journal {folder}: {error.strerror}: name a folder that can be written with --journal"
-        raise CentralError(msg) from None
+        raise disk_error(error, msg) from None
     try:
         lock(locked)
     except BlockingIOError:
@@ -77,6 +79,39 @@ def sync_path(path: Path) -> None:
         os.fsync(file)
     finally:
         os.close(file)
+
+
+def cut(path: Path, end: int) -> None:
+    """Shorten a file for good. Raises OSError."""
+    with path.open("r+b") as stream:
+        stream.truncate(end)
+        os.fsync(stream.fileno())
+
+
+def put_aside(path: Path, begin: int, *later: Path) -> None:
+    """Take away what a log has from a byte of a file on, for good, and keep it in files beside it. Raises OSError.
+
+    The later files leave first: behind an end that is sound they would be taken for its continuation.
+    """
+    with path.open("rb") as stream, aside(path).open("ab") as kept:
+        stream.seek(begin)
+        kept.write(stream.read())
+        kept.flush()
+        os.fsync(kept.fileno())
+    for one in later:
+        one.rename(aside(one))
+    sync_path(path.parent)
+    cut(path, begin)
+
+
+def aside(path: Path) -> Path:
+    """The file for what a log has lost: no program reads it."""
+    return path.with_suffix(f"{path.suffix}{ASIDE}")
+
+
+def is_unbegun(path: Path) -> bool:
+    """Whether not a single record is in a log: central ended while it began that."""
+    return not has_record(b"\0" + path.read_bytes())
 
 
 def is_written(folder: Path) -> bool:
@@ -121,7 +156,7 @@ class LogWriter:
             self.begin_segment()
         except OSError as error:
             msg = f"journal {folder}: {error.strerror}: name a folder that can be written with --journal"
-            raise CentralError(msg) from None
+            raise disk_error(error, msg) from None
         if sync is Sync.BATCH:
             self._thread.start()
 
@@ -242,7 +277,7 @@ class LogWriter:
 
     def _broken(self, error: OSError) -> CentralError:
         msg = f"journal {self.folder}: {error.strerror}: central stops, for what it can't record it must not do"
-        return CentralError(msg)
+        return disk_error(error, msg)
 
     def _fsync(self) -> None:
         with self._syncing:
@@ -253,6 +288,7 @@ class LogWriter:
             _sync_data(file)
             if not is_named:
                 sync_path(self.folder)
+                sync_path(self.folder.parent)  # central may have made the folder
 
     def _close_full(self) -> None:
         while self._full:

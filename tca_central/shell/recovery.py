@@ -1,10 +1,12 @@
 """The state of a run that ended without a goodbye: newest image, and the inputs since, through ``Central.handle``.
 
 What comes out is compared with the facts that the journal has. The journal may lack the last ones: they are written
-anew. Any other difference is told and stops the recovery, unless it is to be accepted: then what the journal has from
-there on is put aside.
+anew. It may have more where the last inputs did not reach the disk: those facts are put aside, and reported. Any other
+difference is told and stops the recovery, unless it is to be accepted. Then the ends of all logs are mended, before
+anything is written (decision 102).
 """
 
+import logging
 import socket
 import time
 from collections.abc import Iterator
@@ -14,11 +16,13 @@ from pathlib import Path
 from tca_central.core import Central
 from tca_central.errors import CentralError
 from tca_central.events import ConnectionLost, Restarted
-from tca_central.shell.input_log import Head, InputSegment, this_boot
+from tca_central.shell.input_log import INPUT_SUFFIX, Head, InputSegment, this_boot
 from tca_central.shell.log_writer import Sync
 from tca_central.shell.replaying import InputReplay, NoReplay, check_heads, has_ended, newest_run
-from tca_central.shell.written_facts import WrittenFacts
+from tca_central.shell.written_facts import WrittenFacts, is_closed, newest_segment
 from tca_wire.journal.facts import Entry, Opened
+
+log = logging.getLogger("tca.central")
 
 GRACE = 10.0
 """Seconds that modules have to come back."""
@@ -38,21 +42,15 @@ class UnfinishedRun:
     last: Entry  #: the last entry of its journal
     missing: list[Entry] = field(default_factory=list)  #: entries that the journal lacks
     inputs: int = 0  #: number of those handled again
-    is_cut: bool = False  #: some of its inputs may have been left out
+    may_lack: bool = False  #: some of its last inputs are not there
     known: int = 0  #: number of the events before them
+    aside: int = 0  #: entries that its journal had beyond the inputs
 
     def restarted(self, *, hold: bool) -> Restarted:
         """The event with which it goes on."""
         clock = self.central.clock.now
         away = max(0.0, time.time() - self.head.wall - (clock - self.head.clock))
-        is_safe = self.head.sync is Sync.ALWAYS or (self.head.sync is Sync.BATCH and not self.was_booted)
-        is_sure = is_safe and not self.is_cut
-        return Restarted(clock, away, GRACE, hold, 0 if is_sure else SKIPPED)
-
-    @property
-    def was_booted(self) -> bool:
-        """Whether the machine has started anew since."""
-        return self.head.boot != this_boot()
+        return Restarted(clock, away, GRACE, hold, SKIPPED if self.may_lack else 0, self.aside)
 
     def gone(self) -> Iterator[ConnectionLost]:
         """Those connections whose processes, on this machine, are no more."""
@@ -61,8 +59,13 @@ class UnfinishedRun:
             process = connection.module.process
             pid = process.removeprefix(here)
             is_here = process.startswith(here) and pid.isdecimal()
-            if is_here and (self.was_booted or not _lives(pid)) and Path("/proc/self").exists():
+            if is_here and (_was_booted(self.head) or not _lives(pid)) and Path("/proc/self").exists():
                 yield ConnectionLost(now, connection.id, "its process had ended when central came back")
+
+
+def _was_booted(head: Head) -> bool:
+    """Whether the machine has started anew since."""
+    return head.boot != this_boot()
 
 
 def _lives(process: str) -> bool:
@@ -81,27 +84,37 @@ def unfinished(folder: Path, *, accept: bool = False) -> list[InputSegment]:
     if not accept:
         check_heads(folder)
     found = newest_run(folder)
+    newest = None if accept else newest_segment(folder)
+    if newest is not None and not newest_run(folder, newest[1]) and not is_closed(newest[0]):
+        log.warning("a new run begins, and the tasks of the last one in %s are lost: it has not ended, and has no \
+inputs (*%s) with which it could continue", folder, INPUT_SUFFIX)  # fmt: skip
     return [] if found and has_ended(found) else found
 
 
 def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False) -> UnfinishedRun:
     """The run whose inputs these are. With *accept* it goes on in spite of a difference. Raises CentralError."""
+    head = segments[-1].head
+    assert head is not None
+    may_lack = head.sync is Sync.NONE or (head.sync is Sync.BATCH and _was_booted(head))
     try:
-        replay = InputReplay(folder, segments, cuts=accept)
+        replay = InputReplay(folder, segments, cuts=accept, may_lack=may_lack)
         facts = WrittenFacts(folder, replay.central.epoch, replay.central.events)
         missing: list[Entry] = []
         given = replay.entries()
         while (difference := facts.compare(given, missing)) is not None:
-            if not accept:
+            if not accept and not (may_lack and difference.given is None):
                 raise difference
             facts.put_aside(difference)
     except NoReplay as error:
         msg = f"{error}; --fresh begins a new run there"
         raise CentralError(msg) from None
-    facts.cut_tail()
-    head = segments[-1].head
-    assert head is not None
-    known = replay.began
+    replay.mend()
+    facts.mend()
+    if may_lack:
+        what = "the last inputs" if head.sync is Sync.NONE else "up to the last second before power was lost"
+        log.warning("%s may be missing (--sync %s); %d entries of the journal, to which no input leads, were put aside",
+                    what, head.sync, facts.aside)  # fmt: skip
     return UnfinishedRun(
-        replay.central, head, segments[0].number, facts.opened, facts.last, missing, replay.inputs, accept, known
-    )
+        replay.central, head, segments[0].number, facts.opened, facts.last, missing, replay.inputs, accept or may_lack,
+        replay.began, facts.aside,
+    )  # fmt: skip

@@ -9,10 +9,17 @@ from tca_central.errors import CentralError, ImageError
 from tca_central.events import Input, Record, Spared
 from tca_central.image.decoder import decode
 from tca_central.inputs import events_of
-from tca_central.shell.input_log import IMAGE_SUFFIX, INPUT_SUFFIX, INPUT_VERSION, Ended, InputSegment
-from tca_central.shell.log_writer import numbers
+from tca_central.shell.input_log import (
+    DRAFT_SUFFIX,
+    IMAGE_SUFFIX,
+    INPUT_SUFFIX,
+    INPUT_VERSION,
+    Ended,
+    InputSegment,
+)
+from tca_central.shell.log_writer import cut, numbers, put_aside, sync_path
 from tca_wire.journal.facts import Entry
-from tca_wire.journal.frames import has_record
+from tca_wire.packets.headers import PROTOCOL_VERSION
 
 log = logging.getLogger("tca.central")
 
@@ -24,16 +31,27 @@ def newest_run(folder: Path, epoch: str = "") -> list[InputSegment]:
         segment = InputSegment(folder / f"{number:08d}{INPUT_SUFFIX}")
         if segment.head is None:
             if found:
-                break
+                found.append(segment)  # a hole: ``InputReplay`` judges it
             continue  # central ended while it began it
         if segment.head.epoch != (epoch := epoch or segment.head.epoch):
             if found:
                 break
             continue
+        if not found and _is_left_over(segment):
+            continue
         found.append(segment)
         if segment.head.is_first:
             break
+    while found and found[-1].head is None:
+        found.pop()
     return found[::-1]
+
+
+def _is_left_over(segment: InputSegment) -> bool:
+    """Whether a start that failed began it. Its head would hide the boot in which the run's last input came."""
+    assert segment.head is not None
+    is_used = segment.head.is_first or segment.path.with_suffix(IMAGE_SUFFIX).exists()
+    return not is_used and segment.is_empty
 
 
 def check_heads(folder: Path) -> None:
@@ -42,7 +60,8 @@ def check_heads(folder: Path) -> None:
         segment = InputSegment(folder / f"{number:08d}{INPUT_SUFFIX}")
         if segment.head is not None:
             return
-        _check_tail(segment, is_last=True)
+        if not segment.is_torn:
+            raise _damaged(segment)
 
 
 def has_ended(segments: list[InputSegment]) -> bool:
@@ -60,8 +79,12 @@ class NoReplay(CentralError):
 class InputReplay:
     """Central, and the inputs that it has yet to handle again."""
 
-    def __init__(self, folder: Path, segments: list[InputSegment], *, cuts: bool, from_first: bool = False) -> None:
-        """With *cuts* what follows a damaged input is left out, as what was being written always is; *from_first*:
+    def __init__(
+        self, folder: Path, segments: list[InputSegment], *, cuts: bool, may_lack: bool = False,
+        from_first: bool = False,
+    ) -> None:  # fmt: skip
+        """With *cuts* what follows a damaged input is left out, as what was being written always is. With *may_lack*
+        some of what came last did not reach the disk: so may a segment end early though others follow. *from_first*:
         begin with the oldest state that there is. Raises CentralError.
         """
         head = segments[0].head
@@ -69,9 +92,14 @@ class InputReplay:
         self.folder = folder
         self.head = head
         self.inputs = 0  #: number of those handled again
-        self._cuts = cuts
-        if head.version != INPUT_VERSION:
-            raise self._hopeless(f"its inputs are of format {head.version}, this tca reads {INPUT_VERSION}")
+        self._cuts, self._may_lack = cuts, may_lack
+        self._last = segments[0]  #: the segment in which reading has ended
+        if other := next((one.head for one in segments if one.head is not None and not one.head.is_readable), None):
+            what = (
+                f"tca {other.central} wrote them, of format {other.version}.{other.protocol}, and this tca reads only \
+{INPUT_VERSION}.{PROTOCOL_VERSION}: finish the run with tca {other.central}"
+            )
+            raise self._hopeless(what)
         self.central, self._segments = self._begin(segments, from_first=from_first)
         self.began = self.central.events  #: number of the events before these inputs
         following = range(self._segments[0].number, segments[-1].number)
@@ -109,25 +137,46 @@ class InputReplay:
 
     def _inputs(self) -> Iterator[Input]:
         for segment in self._segments:
+            if segment.head is not None:
+                self._last = segment
             for event in segment:
                 if not isinstance(event, Ended):
                     yield event
-            if segment.end < segment.size and not self._cuts:
-                _check_tail(segment, is_last=segment is self._segments[-1])
+            if segment.head is not None and segment.end == segment.size:
+                continue
+            is_end = segment is self._segments[-1] or self._may_lack
+            if not self._cuts and not (is_end and segment.is_torn):
+                raise _damaged(segment)
+            return
+
+    def mend(self) -> None:
+        """Have the log end, for good, where reading has ended: what is written from now on follows a sound record.
+        Raises OSError.
+        """
+        last, later = self._last, list[Path]()
+        for suffix in (INPUT_SUFFIX, IMAGE_SUFFIX, DRAFT_SUFFIX):
+            for number in numbers(self.folder, suffix):
+                path = self.folder / f"{number:08d}{suffix}"
+                if suffix == INPUT_SUFFIX and number > last.number and not InputSegment(path).is_empty:
+                    later.append(path)
+                elif number > last.number or suffix == DRAFT_SUFFIX:
+                    path.unlink()  # a start that failed began it; an image of what comes after the end, or half of one
+        if later or not last.is_torn:
+            put_aside(last.path, last.end, *later)
+        sync_path(self.folder)
+        for segment in self._segments:
+            sync_path(segment.path)  # a killed central has not, and more is about to follow from them
+        cut(last.path, last.end)
 
     def _hopeless(self, why: str) -> "NoReplay":
         return NoReplay(f"the inputs in {self.folder} can't be handled again: {why}")
 
 
-def _check_tail(segment: InputSegment, *, is_last: bool) -> None:
-    """Bytes behind the last sound input: what was being written. Raises CentralError if it is damage."""
-    with segment.path.open("rb") as stream:
-        stream.seek(segment.end)
-        rest = stream.read()
-    if not is_last or has_record(rest):
-        msg = f"{segment.path}, byte {segment.end}: an input is damaged, and others follow it; --resume facts goes on \
+def _damaged(segment: InputSegment) -> CentralError:
+    """The error for bytes that are no input though others follow, so that they were not being written."""
+    msg = f"{segment.path}, byte {segment.end}: an input is damaged, and others follow it; --resume facts goes on \
 with what is before it, --fresh begins anew"
-        raise CentralError(msg)
+    return CentralError(msg)
 
 
 def _with_spared(inputs: Iterator[Input]) -> Iterator[tuple[Input, int]]:

@@ -7,8 +7,8 @@ from pathlib import Path
 from secrets import token_hex
 
 from tca_central.core import Central
-from tca_central.errors import CentralError
-from tca_central.shell.input_log import INPUT_SUFFIX, InputLog
+from tca_central.errors import disk_error
+from tca_central.shell.input_log import InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder, numbers
 from tca_central.shell.recovery import UnfinishedRun, recover, unfinished
@@ -33,7 +33,7 @@ class RunFolder:
         except OSError as error:
             os.close(self._lock)
             msg = f"journal {path}: {error.filename or ''}: {error.strerror}: name another folder with --journal"
-            raise CentralError(msg) from None
+            raise disk_error(error, msg) from None
         except BaseException:
             os.close(self._lock)
             raise
@@ -54,10 +54,6 @@ class RunFolder:
         run, central = self.run, self.central
         epoch, release = central.epoch, version("tca-central")
         inputs = None
-        if run is None and keeps_inputs and self.history and not numbers(self.path, INPUT_SUFFIX):
-            log.warning(
-                "a new run begins: the journal has no inputs (*%s) with which an earlier one could go on", INPUT_SUFFIX
-            )
         if keeps_inputs:
             inputs = InputLog(
                 self.path, epoch=epoch, version=release, sync=sync, clock=central.clock.now if run is not None else None

@@ -1,12 +1,13 @@
 """The facts that a run's journal has, beside those that its inputs lead to."""
 
+import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
 from tca_central.errors import CentralError
-from tca_central.shell.log_writer import numbers
+from tca_central.shell.log_writer import cut, is_unbegun, numbers, put_aside, sync_path
 from tca_wire.errors import JournalDamaged
-from tca_wire.journal.facts import Entry, Opened
+from tca_wire.journal.facts import Closed, Entry, Opened
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
 
 _ADVICE = """A tca of another version may have written it, or a power cut taken the last inputs. --resume facts goes \
@@ -35,10 +36,11 @@ class WrittenFacts:
         self.opened: Opened | None = None  #: its newest segment's
         self.last = Entry(0, 0.0, [])  #: its last entry
         self.compared = 0  #: number of entries that are the same
+        self.aside = 0  #: number of those put aside
         self._folder, self._after = folder, after
-        self._paths = self._of_run(epoch, after)
         self._place = (folder, 0)  #: of ``_next``
         self._has_holes = False
+        self._paths = self._of_run(epoch, after)
         self._end = 0  #: the place behind the last entry
         self._entries = self._read()
         self._next = next(self._entries, None)
@@ -76,20 +78,23 @@ class WrittenFacts:
 
     def put_aside(self, difference: Difference) -> None:
         """Go on with what the inputs lead to; what the journal has from there on is kept in files beside it."""
-        path, offset = difference.path, difference.offset
-        for later in self._paths[self._paths.index(path) + 1 :]:
-            later.rename(later.with_suffix(".aside"))
-        with path.open("r+b") as stream:
-            stream.seek(offset)
-            path.with_suffix(".aside").write_bytes(stream.read())
-            stream.truncate(offset)
-        self._next, self._paths = None, []
+        path, place = difference.path, self._paths.index(difference.path)
+        self.aside += 1 + sum(1 for _ in self._entries)
+        put_aside(path, difference.offset, *self._paths[place + 1 :])
+        self.opened = _beginning(path)[0] or self.opened
+        self._next, self._end, self._paths = None, difference.offset, self._paths[: place + 1]
 
-    def cut_tail(self) -> None:
-        """Take away what was being written: another segment follows."""
-        if self._paths and self._end < self._paths[-1].stat().st_size:
-            with self._paths[-1].open("r+b") as stream:
-                stream.truncate(self._end)
+    def mend(self) -> None:
+        """Take away, for good, what was being written: another segment follows. Raises OSError."""
+        for number in numbers(self._folder, SEGMENT_SUFFIX):
+            path = self._folder / f"{number:08d}{SEGMENT_SUFFIX}"
+            if (not self._paths or path > self._paths[-1]) and is_unbegun(path):
+                path.unlink()
+        sync_path(self._folder)
+        for path in self._paths:
+            sync_path(path)  # nothing leads to them again when there is an image of what came after them
+        if self._paths:
+            cut(self._paths[-1], self._end)
 
     # --- reading ---------------------------------------------------------------------------------------------------
 
@@ -100,16 +105,17 @@ class WrittenFacts:
             path = self._folder / f"{number:08d}{SEGMENT_SUFFIX}"
             opened, first = _beginning(path)
             if opened is None:
-                if found:
-                    break
-                continue  # central ended while it began it
+                if not is_unbegun(path):  # else central ended while it began it
+                    self._has_holes = True
+                    found.append(path)
+                continue
             if opened.epoch != epoch:
                 break
             self.opened = self.opened or opened
             found.append(path)
             if first <= after:
                 break
-        return found[::-1]
+        return found[::-1] if self.opened is not None else []
 
     def _read(self) -> Iterator[Entry]:
         for path in self._paths:
@@ -140,3 +146,18 @@ def _beginning(path: Path) -> tuple[Opened | None, int]:
     if entry is None or not entry.facts or not isinstance(entry.facts[0], Opened):
         return None, 0
     return entry.facts[0], entry.number
+
+
+def newest_segment(folder: Path) -> tuple[Path, str] | None:
+    """The newest segment that says whose it is, and the epoch of its run."""
+    paths = (folder / f"{number:08d}{SEGMENT_SUFFIX}" for number in reversed(numbers(folder, SEGMENT_SUFFIX)))
+    return next(((path, opened.epoch) for path in paths if (opened := _beginning(path)[0]) is not None), None)
+
+
+def is_closed(path: Path) -> bool:
+    """Whether the run has ended of its own will whose newest segment this is."""
+    entry = None
+    with path.open("rb") as stream, contextlib.suppress(JournalDamaged):
+        for entry in JournalReader(stream, str(path)):  # noqa: B007 - the last one is wanted
+            pass
+    return entry is not None and any(isinstance(fact, Closed) for fact in entry.facts)

@@ -14,9 +14,9 @@ from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
 _MOST_NAMED = 3
 """Files that a line names."""
 _INPUTS = ".tcai"
-_BESIDE = (".draft", ".tcas", _INPUTS)
+_BESIDE = (".draft", ".tcas", f"{_INPUTS}-aside", _INPUTS)
 """Images of central's state, in the making and whole, and its inputs, with numbers of their own."""
-_ASIDE = ".aside"
+_ASIDE = f"{SEGMENT_SUFFIX}-aside"
 """Facts that the inputs did not lead to, when the run went on all the same; with the numbers of segments."""
 
 

@@ -72,7 +72,8 @@ class Wording:
 
 def _restarted(_: Wording, fact: facts.CentralRestarted) -> str:
     until = "somebody says so" if fact.hold else "all are back or lost"
-    return f"away for {_seconds(fact.away)}, {fact.awaited} connections awaited; no task starts until {until}"
+    lost = f"; the last inputs may be missing, {fact.aside} entries were put aside" if fact.may_lack else ""
+    return f"away for {_seconds(fact.away)}, {fact.awaited} connections awaited; no task starts until {until}{lost}"
 
 
 def _opened(_: Wording, fact: facts.Opened) -> str:

@@ -257,7 +257,7 @@ def test_a_journal_that_says_something_else_stops_the_recovery(broken_run: Path)
         recover(broken_run, unfinished(broken_run))
     assert journal.read_bytes() == before
     recover(broken_run, unfinished(broken_run), accept=True)
-    aside = journal.with_suffix(".aside").read_bytes()
+    aside = journal.with_suffix(".tcaj-aside").read_bytes()
     assert journal.read_bytes() + aside == before
 
 
