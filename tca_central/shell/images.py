@@ -51,6 +51,7 @@ class Images:
         if not may_be_taken(central):
             return
         self._known = central.events
+        inputs = self._inputs.hand_over()  # should the image be damaged, the one before and these lead to the state
         self._number = self._inputs.next_segment(central.clock.now)
         facts = self._facts.hand_over()  # nothing leads to them again when there is an image of what came after them
         self._path = self._inputs.folder / f"{self._number:08d}{IMAGE_SUFFIX}"
@@ -62,7 +63,7 @@ class Images:
                 log.warning("no image of the state could be taken: %s", error.strerror)
                 return
         if not self._child:
-            _write_and_exit(central, self._path, facts)
+            _write_and_exit(central, self._path, [inputs, facts])
 
     def close(self) -> None:
         """Wait for the child."""
@@ -93,9 +94,9 @@ def _between(central: Central) -> int:
     return max(EVENTS_BETWEEN, min(len(central.tree.tasks), MOST_BETWEEN))
 
 
-def _write_and_exit(central: Central, path: Path, facts: Path) -> None:
-    """In the child: nothing of central's is touched, and nothing of its lines and locks is kept open. The *facts* until
-    then are on the disk before the image is.
+def _write_and_exit(central: Central, path: Path, before: list[Path]) -> None:
+    """In the child: nothing of central's is touched, and nothing of its lines and locks is kept open. The logs *before*
+    are on the disk before the image is.
     """
     status = 1
     try:
@@ -103,7 +104,8 @@ def _write_and_exit(central: Central, path: Path, facts: Path) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)  # it ends soon
         gc.disable()
-        sync_path(facts)
+        for log in before:
+            sync_path(log)
         write_image(encode(central), path)
         status = 0
     except OSError:

@@ -93,11 +93,14 @@ def put_aside(path: Path, begin: int, *later: Path) -> None:
 
     The later files leave first: behind an end that is sound they would be taken for its continuation.
     """
-    with path.open("rb") as stream, aside(path).open("ab") as kept:
+    with path.open("rb") as stream:
         stream.seek(begin)
-        kept.write(stream.read())
-        kept.flush()
-        os.fsync(kept.fileno())
+        rest = stream.read()
+    if rest:
+        with aside(path).open("ab") as kept:
+            kept.write(rest)
+            kept.flush()
+            os.fsync(kept.fileno())
     for one in later:
         one.rename(aside(one))
     sync_path(path.parent)

@@ -102,9 +102,6 @@ class InputReplay:
             raise self._hopeless(what)
         self.central, self._segments = self._begin(segments, from_first=from_first)
         self.began = self.central.events  #: number of the events before these inputs
-        following = range(self._segments[0].number, segments[-1].number)
-        if missing := set(following).difference(one.number for one in segments):
-            raise self._hopeless(f"its inputs number {min(missing)} are missing")
 
     def entries(self) -> Iterator[Entry]:
         """What the inputs lead to. Raises CentralError."""
@@ -129,6 +126,7 @@ class InputReplay:
                 except (ImageError, OSError) as error:
                     why = f"image {number}: {error}"
                     log.warning("%s: another one is used", why)
+                    self._may_lack = False  # that was on the disk, and so was what led to it
                     continue
                 return central, [segment for segment in segments if segment.number >= number]
         if not self.head.is_first:
@@ -136,7 +134,11 @@ class InputReplay:
         return Central(self.head.epoch), segments
 
     def _inputs(self) -> Iterator[Input]:
-        for segment in self._segments:
+        for number, segment in enumerate(self._segments, self._segments[0].number):
+            if segment.number > number:
+                if self._cuts or self._may_lack:
+                    return
+                raise self._hopeless(f"its inputs number {number} are missing")
             if segment.head is not None:
                 self._last = segment
             for event in segment:
@@ -164,8 +166,9 @@ class InputReplay:
         if later or not last.is_torn:
             put_aside(last.path, last.end, *later)
         sync_path(self.folder)
-        for segment in self._segments:
-            sync_path(segment.path)  # a killed central has not, and more is about to follow from them
+        for number in numbers(self.folder, INPUT_SUFFIX):
+            if number >= self._segments[0].number:  # a killed central has not, and more is about to follow from them
+                sync_path(self.folder / f"{number:08d}{INPUT_SUFFIX}")
         cut(last.path, last.end)
 
     def _hopeless(self, why: str) -> "NoReplay":

@@ -5,18 +5,28 @@ import os
 from importlib.metadata import version
 from pathlib import Path
 from secrets import token_hex
+from typing import Protocol
 
 from tca_central.core import Central
 from tca_central.errors import disk_error
+from tca_central.events import Input
 from tca_central.shell.input_log import InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder, numbers
 from tca_central.shell.recovery import UnfinishedRun, recover, unfinished
 from tca_central.shell.run_log import RunLog
-from tca_central.shell.server import Daemon
 from tca_wire.journal.records import SEGMENT_SUFFIX
 
 log = logging.getLogger("tca.central")
+
+
+class Server(Protocol):
+    """What writes there."""
+
+    log: RunLog | None
+
+    def take(self, event: Input) -> None:
+        """Let central handle an input."""
 
 
 class RunFolder:
@@ -49,7 +59,7 @@ class RunFolder:
         log.warning("begins anew: the run that ended without a goodbye, and its tasks, are left as they are")
         return None
 
-    def open(self, server: Daemon, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False) -> None:
+    def open(self, server: Server, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False) -> None:
         """Let a server write there; a run that goes on does so now. Raises CentralError."""
         run, central = self.run, self.central
         epoch, release = central.epoch, version("tca-central")
@@ -71,7 +81,7 @@ class RunFolder:
         self._go_on(server, run, inputs, hold=hold)
 
     @staticmethod
-    def _go_on(server: Daemon, run: UnfinishedRun, inputs: InputLog | None, *, hold: bool) -> None:
+    def _go_on(server: Server, run: UnfinishedRun, inputs: InputLog | None, *, hold: bool) -> None:
         restarted = run.restarted(hold=hold)
         server.take(restarted)
         if restarted.skipped and inputs is not None:

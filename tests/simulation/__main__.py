@@ -47,10 +47,11 @@ def main() -> int:
                 "lives": 1,
                 "crashes of central": life.daemon.crashes,
                 "images": life.daemon.images,
-                "recovered from files": life.daemon.read_again,
+                "power cuts": life.daemon.cuts,
+                "full disks": life.daemon.full,
                 "crashes of modules": life.crashes,
                 "breaks": life.network.breaks,
-                "writes": life.daemon.log.writes,
+                "writes": life.daemon.disk.writes,
                 "happened": life.clockwork.happened,
             }
         )

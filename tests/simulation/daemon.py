@@ -1,20 +1,21 @@
-"""Central's process: the core, the log of its inputs on a simulated disk, and the turns of its loop.
+"""Central's process: the core, the daemon's own logs on a disk that fails, and the turns of its loop.
 
 A turn takes some packets, writes each to the log, lets the core have it, flushes the log, and only then sends what
-follows from it. It may end at any of these steps. What is there afterwards is what the disk has.
+follows from it. It may end at any of these steps. What is there afterwards is what the disk has: the daemon's own code
+continues from that, many times on one journal.
 """
 
 from collections import deque
 from collections.abc import Callable, Iterator
 
 from simulation.clockwork import Broken, Clockwork, shown
-from simulation.disk import SimulatedFile, as_record, inputs_in
+from simulation.disk import Disk
 from simulation.likeness import difference
 from simulation.network import PROBE, Network, Wire
 from simulation.options import Options
-from simulation.real_files import recovered
 
 from tca_central.core import Central
+from tca_central.errors import CentralError, DiskFull
 from tca_central.events import (
     AWAY,
     Arrived,
@@ -24,21 +25,23 @@ from tca_central.events import (
     Input,
     Record,
     RequestReceived,
-    Restarted,
     TellAll,
     Tick,
 )
-from tca_central.image.decoder import decode
 from tca_central.image.encoder import encode, may_be_taken
 from tca_central.inputs import events_of
 from tca_central.invariants import check_invariants
-from tca_central.shell.log_writer import SYNC_PERIOD, Sync
-from tca_central.shell.recovery import GRACE, SKIPPED
+from tca_central.shell.images import write_image
+from tca_central.shell.input_log import IMAGE_SUFFIX, InputLog
+from tca_central.shell.log_writer import Sync, sync_path
+from tca_central.shell.recovery import UnfinishedRun
+from tca_central.shell.run_folder import RunFolder
+from tca_central.shell.run_log import RunLog
 from tca_wire.journal.facts import Entry
 from tca_wire.packets import codec
 from tca_wire.packets.headers import Beat, ToModule, Unknown
 
-BEAT_PERIOD, SWEEP_PERIOD = 2.0, 30.0
+BEAT_PERIOD, SWEEP_PERIOD, SYNC_PERIOD = 2.0, 30.0, 1.0
 
 
 class Crash(Exception):
@@ -53,21 +56,21 @@ class Daemon:
     ) -> None:
         self._clockwork, self._network, self._options = clockwork, network, options
         self._publish = publish  #: what is in the journal for good
-        self.log = SimulatedFile()
-        self.journal: list[Entry] = []  #: the facts that were written, none without its input
-        self.image: tuple[bytes, int, int] | None = None  #: the newest, and how many inputs and entries led to it
-        self._has_image = False  #: it is used
-        self._is_half = False  #: an input is written, perhaps, and has not happened
+        self.disk = Disk(clockwork.dice)
+        self.log: RunLog | None = None
+        self.journal: list[Entry] = []  #: the facts that were told, none without its input
+        self._safe = 0  #: the number of those whose inputs were synced
+        self._perhaps: list[Entry] = []  #: facts that the journal may have, and that were not told
+        self._is_half = False  #: an input has happened and is not written, or the other way round
         self._expected: Central | None = None  #: the state that the disk should give
         self.core: Central | None = None
-        self.crashes = self.steps = self.replayed = self.images = self.read_again = 0
+        self.crashes = self.cuts = self.full = self.steps = self.images = 0
         self._synced_at = 0.0  #: when another thread last asked the disk
         self._life = 0  #: which process it is
         self._arrived: deque[tuple[Wire, bytes]] = deque()
         self._closed: deque[ConnectionId] = deque()
         self._outgoing: dict[ConnectionId, list[tuple[ToModule, bytes]]] = {}
         self._entries: list[Entry] = []
-        self._unwritten = bytearray()
         self._began = 0.0  #: when the core's clock stood at 0, if it had never stood still
         self._wake_at = float("inf")
         self.take_back: Callable[[list[Entry]], None] = lambda _: None  #: the journal has no more than this
@@ -79,106 +82,123 @@ class Daemon:
 
     def start(self) -> None:
         """The process begins: with what the disk has."""
-        is_new = self.core is None
-        core = self.core = self._recovered()
-        now = core.clock.now
-        self._began = self._clockwork.now - now
-        self._next_beat, self._next_sweep = now + BEAT_PERIOD, now + SWEEP_PERIOD
-        self._clockwork.say("central", "starts" if is_new else f"starts, with {self.replayed} inputs")
+        is_new = not self.disk.folder.exists()
+        if is_new:
+            self._begin_run()
         try:
-            if not is_new:
-                self._come_back(core)
+            self._come_back(is_new=is_new)
             self._flush()
         except Crash:
             self.crash()
             return
+        except CentralError as error:
+            self._refused(error)
+            return
         self._network.is_listening = True
         self._wake(0.0)
 
-    def _come_back(self, core: Central) -> None:
+    def _begin_run(self) -> None:
+        """A run that has not come far, with an image of its first state."""
+        folder, options = self.disk.folder, self._options
+        folder.mkdir()
+        central = Central("simulated")
+        central.dispatcher.messages_ahead.trusts_all = options.trusts_all
+        InputLog(folder, epoch=central.epoch, version="0", sync=options.sync)
+        write_image(encode(central), folder / f"00000001{IMAGE_SUFFIX}")
+        self.disk.kill()
+        self.disk.sync()
+        self.disk.fault = self._fault
+
+    def _come_back(self, *, is_new: bool) -> None:
         """Every connection has broken; some will not come back, as their processes are gone."""
-        options = self._options
-        skipped = SKIPPED if options.is_lossy else 0
-        self._take(Restarted(self.now, 1.0, GRACE, options.hold, skipped))
-        if skipped:
-            self._write()
-            self.log.sync()
+        options, clockwork = self._options, self._clockwork
+        if clockwork.chance(0.1):
+            self._damage_image()
+        folder = RunFolder(self.disk.folder)
+        if (run := folder.run) is None:
+            raise Broken("the run is over")
+        core = self.core = run.central
+        self._compare(run)
+        self._began = clockwork.now - core.clock.now
+        self._next_beat, self._next_sweep = core.clock.now + BEAT_PERIOD, core.clock.now + SWEEP_PERIOD
+        clockwork.say("central", "starts" if is_new else f"starts, with {run.inputs} inputs")
+        folder.open(self, options.sync, hold=options.hold and not is_new)
+        assert self.log is not None
+        self.log.images = None  # see ``_take_image``
         if options.sees_processes:
             for connection in [one for one in core.hold.awaited if self.is_gone(one.module.incarnation)]:
-                self._take(ConnectionLost(self.now, connection.id, "its process had ended when central came back"))
+                self.take(ConnectionLost(self.now, connection.id, "its process had ended when central came back"))
 
-    def _recovered(self) -> Central:
-        """The newest image of the state, and the inputs since: what comes out is what the journal has, and goes on."""
-        inputs, size = inputs_in(self.log.content)
-        log = bytes(self.log.content)
-        del self.log.content[size:]
-        self.log.sync()
-        core, since, before = self._empty(), 0, 0
-        self._has_image = not self._clockwork.chance(0.1)  # else it is damaged, or was never finished
-        if self.image is not None and self._has_image:
-            core, since, before = decode(self.image[0]), self.image[1], self.image[2]
-        again: list[Entry] = []
-        for given in inputs[since:]:
-            for event in events_of(given):
-                again += [effect.entry for effect in core.handle(event) if isinstance(effect, Record)]
-        self.replayed = len(inputs) - since
-        if self._options.is_lossy and len(again) < len(self.journal) - before:
-            del self.journal[before + len(again) :]  # --resume facts: the journal goes back to what the inputs lead to
-            self.take_back(self.journal)
-        known = len(self.journal) - before
-        if again[:known] != self.journal[before:]:
-            raise Broken("what was replayed is not what happened")
-        if self._expected is not None and (unlike := difference(self._expected, core)):
+    def _refused(self, error: CentralError) -> None:
+        """The disk is full, and will be for a while; nothing else stops a restart."""
+        if not isinstance(error, DiskFull) or self.disk.room is None:
+            raise Broken(f"central does not come back: {error}")
+        self.full += 1
+        if self.disk.room is not None and self._clockwork.chance(0.5):
+            self.disk.room = None
+        self.crash(power=False)
+
+    def _damage_image(self) -> None:
+        """The newest image is of no use, unless it is the first one."""
+        if images := sorted(self.disk.folder.glob(f"*{IMAGE_SUFFIX}"))[1:]:
+            images[-1].write_bytes(images[-1].read_bytes()[:-1])
+
+    def _compare(self, run: UnfinishedRun) -> None:
+        """The state and the facts that are recovered are those that were lost."""
+        if self._expected is not None and (unlike := difference(self._expected, run.central)):
             raise Broken(f"the state that was lost, and the one that was recovered: {unlike}")
-        self._record(again[known:])
-        if inputs and self._clockwork.chance(self._options.reads_files):
-            self._compare_with_files(core, log)
-        return core
-
-    def _compare_with_files(self, core: Central, log: bytes) -> None:
-        """Have the daemon's own code recover the same state from files."""
-        image = self.image if self._has_image else None
-        if self._options.trusts_all and image is None:
-            return
-        run, known = recovered(log, image, self.journal, self._clockwork.dice, is_behind=self._options.is_lossy)
-        self.read_again += 1
-        if unlike := difference(run.central, core):
-            raise Broken(f"the state that the daemon recovers, and the one that was recovered: {unlike}")
-        if run.missing != self.journal[known:] and not self._options.is_lossy:
-            raise Broken(f"the daemon's journal lacks {len(self.journal) - known} entries, it says {len(run.missing)}")
-
-    def _empty(self) -> Central:
-        core = Central("simulated")
-        core.dispatcher.messages_ahead.trusts_all = self._options.trusts_all
-        return core
+        before, self._perhaps = self.journal + self._perhaps, []
+        known = sum(entry.number <= run.last.number for entry in before)
+        if any(one != other for one, other in zip(before[known:], run.missing, strict=False)):
+            raise Broken("what was replayed is not what happened")
+        now = before[:known] + run.missing
+        if len(now) < self._safe or (len(now) < len(self.journal) and not (self._options.is_lossy and run.may_lack)):
+            raise Broken(f"of {len(self.journal)} entries, {self._safe} of them synced, {len(now)} are left")
+        if len(now) < len(self.journal):
+            del self.journal[len(now) :]
+            self.take_back(self.journal)
+        self._record(now[len(self.journal) :])
+        self._safe = len(self.journal)
 
     def _take_image(self) -> None:
-        """Write the state down, when all that led to it is on the disk."""
-        if self.core is not None and may_be_taken(self.core):
-            self.log.sync()
-            self.image = encode(self.core), len(inputs_in(self.log.content)[0]), len(self.journal)
+        """Write the state down, as a child of the daemon does."""
+        if self.core is not None and self.log is not None and may_be_taken(self.core):
+            before = self.log._inputs.hand_over()
+            number = self.log._inputs.next_segment(self.core.clock.now)
+            for path in (before, self.log._journal.hand_over()):
+                sync_path(path)
+            write_image(encode(self.core), self.disk.folder / f"{number:08d}{IMAGE_SUFFIX}")
             self.images += 1
 
-    def crash(self) -> None:
+    def _sync(self) -> None:
+        """Two threads sync the two logs, in any order."""
+        if self.log is None:
+            return
+        logs = [self.log._inputs, self.log._journal]
+        for log in logs if self._clockwork.chance(0.5) else logs[::-1]:
+            log._fsync()
+        self._safe = len(self.journal)
+
+    def crash(self, *, power: bool = True) -> None:
         """The process is killed, perhaps by a power cut."""
         self.crashes += 1
         self._life += 1
         clockwork, options = self._clockwork, self._options
-        is_all_there = not (self._unwritten or self._is_half) and (
-            self.log.synced == len(self.log.content) or not options.power_cuts
-        )
+        is_cut = power and clockwork.chance(options.power_cuts)
+        is_all_there = not (self._entries or self._is_half or is_cut)
         is_compared = is_all_there and self.core is not None and may_be_taken(self.core) and clockwork.chance(0.1)
         self._expected = self.core if is_compared else None
-        if self._unwritten and clockwork.chance(0.5):
-            self.log.write(self._unwritten[: clockwork.dice.randint(0, len(self._unwritten))])
-        if options.power_cuts:
-            self.log.cut_power(clockwork.dice)
-        clockwork.say("central", "CRASHES" + " (power)" * options.power_cuts)
+        self._perhaps += self._entries
+        self.disk.kill()
+        if is_cut:
+            self.cuts += 1
+            self.disk.cut_power()
+        clockwork.say("central", "CRASHES" + " (power)" * is_cut)
+        self.core = self.log = None
         self._arrived.clear()
         self._closed.clear()
         self._outgoing.clear()
-        self._entries.clear()
-        self._unwritten.clear()
+        self._entries = []
         self._is_half = False
         self._wake_at = float("inf")
         self._network.lose_central()
@@ -218,18 +238,23 @@ class Daemon:
         if life != self._life or at != self._wake_at:
             return
         self._wake_at = float("inf")
-        if self._clockwork.now >= self._synced_at + SYNC_PERIOD:  # by another thread
-            self._synced_at = self._clockwork.now
-            self.log.sync()
         try:
+            if self._clockwork.now >= self._synced_at + SYNC_PERIOD:
+                self._synced_at = self._clockwork.now
+                self._sync()
+            if self._clockwork.chance(self._options.full_disks):
+                self.disk.room = self._clockwork.dice.randint(0, 2000)
             for given in self._inputs():
-                self._take(given)
+                self.take(given)
             self._flush()
             if self._clockwork.chance(self._options.snapshots):
                 self._take_image()
             self._send()
         except Crash:
             self.crash()
+            return
+        except CentralError as error:
+            self._refused(error)
             return
         assert self.core is not None
         due = self.core.clock.next
@@ -273,44 +298,40 @@ class Daemon:
 
     # --- what follows ------------------------------------------------------------------------------------------------
 
-    def _take(self, given: Input) -> None:
+    def take(self, event: Input) -> None:
         """Write an input, and let it happen."""
-        core, clockwork = self.core, self._clockwork
+        core, log, clockwork = self.core, self.log, self._clockwork
         assert core is not None
+        assert log is not None
         self._fault()
         self._is_half = True
-        self._unwritten += as_record(given)
+        log.take(event)
         if clockwork.chance(0.3):
-            self._write()
-        for event in events_of(given):
+            log._inputs.flush()
+        for one in events_of(event):
             if clockwork.is_told:
-                clockwork.say("central", f"has {_shown(event)}")
-            for effect in core.handle(event):
+                clockwork.say("central", f"has {_shown(one)}")
+            for effect in core.handle(one):
                 if isinstance(effect, Record):
+                    log.add(effect.entry)
                     self._entries.append(effect.entry)
                 else:
                     self._put(effect.connection, effect.header, effect.body)
             if core.events % self._options.checks_each == 0:
                 check_invariants(core)
-        self._is_half = False
 
     def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
         self._outgoing.setdefault(connection, []).append((header, body))
 
-    def _write(self) -> None:
-        self._fault()
-        self.log.write(bytes(self._unwritten))
-        self._unwritten.clear()
-        self._fault()
-
     def _flush(self) -> None:
-        if self._unwritten:
-            self._write()
-        if self._options.sync is Sync.ALWAYS and self.log.synced < len(self.log.content):
-            self.log.sync()
-            self._fault()
-        self._record(self._entries)
-        self._entries = []
+        assert self.core is not None
+        assert self.log is not None
+        self.log.flush(self.core)
+        self._is_half = False
+        entries, self._entries = self._entries, []
+        self._record(entries)
+        if self._options.sync is Sync.ALWAYS:
+            self._safe = len(self.journal)
 
     def _record(self, entries: list[Entry]) -> None:
         if entries:

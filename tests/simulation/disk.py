@@ -1,47 +1,133 @@
-"""A file as a crash leaves it: what was written survives a kill, what was synced survives a power cut."""
+"""The folder of a journal on a disk that fails: what was written survives a kill, what was synced survives a power cut.
 
+The files are real ones, and the daemon's own code writes, shortens and removes them. Beneath it ``os.write`` and
+``os.fsync`` note what is safe, let the process crash before and after each step, and have no more room than there is.
+"""
+
+import errno
+import os
 import random
-from io import BytesIO
+import shutil
+import stat
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any, Self
 
-import msgspec
+from tca_central.shell import input_log, log_writer
 
-from tca_central.events import Input
-from tca_wire.journal.frames import framed, payloads
+_MEMORY = Path("/dev/shm")
+_NEVER = 1e9
 
 
-class SimulatedFile:
-    """Bytes that are written, and how many of them are safe."""
+class Disk:
+    """A folder, while the block lasts."""
 
-    def __init__(self) -> None:
-        self.content = bytearray()
-        self.synced = 0
-        self.writes = 0
+    def __init__(self, dice: random.Random, fault: Callable[[], None] = lambda: None) -> None:
+        self.dice, self.fault = dice, fault
+        self.room: int | None = None  #: bytes that can be written (None: any number)
+        self.writes = self.boots = 0
+        self._safe: dict[int, bytearray] = {}  #: what each file held when it was last synced
+        self._names: dict[str, int] = {}  #: the files that the folder had when it was last synced
 
-    def write(self, some: bytes | bytearray) -> None:
-        self.content += some
+    def __enter__(self) -> Self:
+        self._place = Path(mkdtemp(dir=_MEMORY if _MEMORY.is_dir() else None))
+        self.folder = self._place / "journal"
+        self._boot = self._place / "boot"
+        self._boot.write_text("0")
+        self._own = os.write, os.fsync, os.fdatasync, input_log.BOOT, log_writer.SYNC_PERIOD
+        os.write, os.fsync, os.fdatasync = self._write, self._sync, self._sync  # type: ignore[assignment]
+        input_log.BOOT, log_writer.SYNC_PERIOD = self._boot, _NEVER  # no thread syncs at a time of its own
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.kill()
+        os.write, os.fsync, os.fdatasync, input_log.BOOT, log_writer.SYNC_PERIOD = self._own
+        shutil.rmtree(self._place)
+
+    # --- beneath the daemon ------------------------------------------------------------------------------------------
+
+    def _write(self, file: int, data: Any) -> int:
+        if not self._has(file):
+            return self._own[0](file, data)
         self.writes += 1
+        try:
+            self.fault()
+        except BaseException:
+            if self.dice.random() < 0.5:
+                self._own[0](file, data[: self.dice.randint(0, len(data))])
+            raise
+        if self.room is not None:
+            data = data[: self.room]
+            self.room -= len(data)
+            if not data:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        written = self._own[0](file, data)
+        self.fault()
+        return written
+
+    def _sync(self, file: int) -> None:
+        if not self._has(file):
+            self._own[1](file)
+            return
+        self.fault()
+        self._note(file)
+        self.fault()
+
+    def _has(self, file: int) -> bool:
+        return Path(f"/proc/self/fd/{file}").readlink().is_relative_to(self.folder)
+
+    def _note(self, file: int) -> None:
+        about = os.fstat(file)
+        if stat.S_ISDIR(about.st_mode):
+            self._names = {path.name: path.stat().st_ino for path in self.folder.iterdir()}
+            return
+        known = self._safe.setdefault(about.st_ino, bytearray())
+        del known[about.st_size :]
+        with Path(f"/proc/self/fd/{file}").open("rb") as stream:
+            stream.seek(len(known))
+            known += stream.read()
+
+    # --- what happens to it ------------------------------------------------------------------------------------------
 
     def sync(self) -> None:
-        self.synced = len(self.content)
+        """All is safe."""
+        for path in [*self.folder.iterdir(), self.folder]:
+            file = os.open(path, os.O_RDONLY)
+            self._note(file)
+            os.close(file)
 
-    def cut_power(self, dice: random.Random) -> None:
-        """Of what was not synced some is there, to any byte; perhaps with zeros after it."""
-        kept = dice.randint(self.synced, len(self.content))
-        zeros = dice.randint(0, 40) if dice.random() < 0.3 else 0
-        self.content[kept:] = bytes(zeros)
+    def kill(self) -> None:
+        """The process is no more: its files are closed, and its threads end."""
+        for thread in threading.enumerate():
+            if thread.name.startswith("sync ."):
+                thread._target.__self__._stopped.set()  # type: ignore[attr-defined]
+        for file in list(Path("/proc/self/fd").iterdir()):
+            if file.exists() and file.readlink().is_relative_to(self.folder):
+                os.close(int(file.name))
+
+    def cut_power(self) -> None:
+        """Of what was not synced some is there, to any byte, perhaps with zeros after it; a name may be there, or not;
+        what was shortened or removed may be as before.
+        """
+        self.boots += 1
+        self._boot.write_text(str(self.boots))
+        there = {path.name: path.stat().st_ino for path in self.folder.iterdir()}
+        for name in sorted(there.keys() | self._names.keys()):
+            path, now, before = self.folder / name, there.get(name), self._names.get(name)
+            after = now if now == before or self.dice.random() < 0.5 else before
+            content = self._left_of(path, after, is_there=after == now)
+            path.unlink(missing_ok=True)
+            if after is not None:
+                path.write_bytes(content)
+        self._safe.clear()
         self.sync()
 
-
-def as_record(given: Input) -> bytes:
-    """An input as the log has it."""
-    return framed(_encode(given))
-
-
-def inputs_in(content: bytes | bytearray) -> tuple[list[Input], int]:
-    """The inputs that are there whole, and how many bytes they take."""
-    records = list(payloads(BytesIO(content)))
-    return [_decode(payload) for _, payload in records], records[-1][0] if records else 0
-
-
-_encode = msgspec.msgpack.Encoder().encode
-_decode = msgspec.msgpack.Decoder(Input).decode
+    def _left_of(self, path: Path, file: int | None, *, is_there: bool) -> bytes:
+        safe = bytes(self._safe.get(file or 0, b""))
+        now = path.read_bytes() if is_there and path.exists() else safe
+        if not now.startswith(safe):
+            return safe if self.dice.random() < 0.5 else now  # it was shortened
+        zeros = self.dice.choice((0, 0, 0, self.dice.randint(0, 40), self.dice.randint(0, 10_000)))
+        return now[: self.dice.randint(len(safe), len(now))] + bytes(zeros if len(safe) < len(now) else 0)

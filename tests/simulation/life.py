@@ -46,6 +46,10 @@ class Life:
 
     def run(self) -> "Life":
         """Live to the end. Raises Broken, or what else goes wrong."""
+        with self.daemon.disk:
+            return self._run()
+
+    def _run(self) -> "Life":
         self.daemon.start()
         for name in self.programs:
             self.clockwork.after(self.clockwork.between(0.0, 0.5), self._start, name)
@@ -122,7 +126,8 @@ class Life:
     def _heal(self) -> None:
         self.clockwork.say("life", "no faults from now on")
         self.is_healing = True
-        self.options.central_crashes = 0.0
+        self.options.central_crashes = self.options.full_disks = 0.0
+        self.daemon.disk.room = None
         self.options.crash_at = 0
         self.programs["janitor"] = Janitor(self.options, self.outside, self._suspended)
         self._start("janitor")

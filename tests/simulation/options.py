@@ -25,16 +25,16 @@ class Options(msgspec.Struct):
     """The chance at each step of central's turn: before, within and after each write."""
     crash_at: int = 0
     """Crash at just this step of central's turns (0: by chance)."""
-    power_cuts: bool = False
-    """Central's crashes lose what was not synced."""
+    power_cuts: float = 0.0
+    """The chance that a crash of central loses what was not synced."""
+    full_disks: float = 0.0
+    """The chance in each turn that the disk is full from now on, until central has failed on it for a while."""
     sync: Sync = Sync.ALWAYS
     hold: bool = False
     """After a restart of central no task starts before somebody says so."""
     sees_processes: bool = False
     """A central that starts again knows which processes are gone."""
     snapshots: float = 0.0
-    reads_files: float = 0.0
-    """The chance, at each start of central, that the daemon's own recovery is tried as well, from real files."""
     ids_again: bool = False
     """A new central counts routing ids from the beginning."""
     away: float = 2.0
@@ -54,7 +54,7 @@ class Options(msgspec.Struct):
     @property
     def is_lossy(self) -> bool:
         """Whether central may forget what it has acknowledged."""
-        return self.power_cuts and self.sync is not Sync.ALWAYS
+        return self.power_cuts > 0 and self.sync is not Sync.ALWAYS
 
 
 FEATURES = (
@@ -84,9 +84,9 @@ def drawn(dice: random.Random) -> Options:
         crashes=dice.choice((0.0, 0.0, 0.2, 0.5)),
         leaves=dice.choice((0.0, 0.0, 0.0, 0.3)),
         central_crashes=dice.choice((0.0, 0.0, 0.003, 0.01, 0.02)),
-        power_cuts=some() < 0.5,
+        power_cuts=dice.choice((0.0, 0.0, 0.5, 1.0)),
+        full_disks=dice.choice((0.0, 0.0, 0.0, 0.002)),
         snapshots=dice.choice((0.0, 0.005, 0.02)),
-        reads_files=dice.choice((0.0, 0.02, 0.1)),
         ids_again=some() < 0.3,
         sync=Sync.ALWAYS if some() < 0.8 else Sync.BATCH,
         hold=some() < 0.1,
