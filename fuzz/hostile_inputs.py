@@ -1,4 +1,6 @@
-"""Logs of inputs that somebody else has written, as ``tca check --rerun`` gets them: a CentralError at most."""
+"""Logs of inputs that somebody else has written, as ``tca check --rerun`` gets them: a CentralError at most. A central
+that starts on them writes on, and is killed, again and again: each restart continues, however the ends were left.
+"""
 
 import contextlib
 import logging
@@ -13,20 +15,26 @@ from fuzz.choices import Choices
 from fuzz.grammar import Grammar, damaged
 from fuzz.hostile_central import LINES, beginning
 from tca_central.errors import CentralError
-from tca_central.events import Arrived, ConnectionId, Input
-from tca_central.shell.input_log import INPUT_VERSION, Ended, Head
-from tca_central.shell.log_writer import Sync
+from tca_central.events import Arrived, ConnectionId, Input, Record, Tick
+from tca_central.inputs import events_of
+from tca_central.shell.input_log import INPUT_SUFFIX, INPUT_VERSION, Ended, Head
+from tca_central.shell.log_writer import Sync, numbers
 from tca_central.shell.replaying import InputReplay, has_ended, newest_run
+from tca_central.shell.run_folder import RunFolder
+from tca_central.shell.run_log import RunLog
 from tca_wire.journal.frames import framed
+from tca_wire.journal.records import SEGMENT_SUFFIX
+from tca_wire.packets.headers import PROTOCOL_VERSION
 
-MOST_INPUTS = 30
+MOST_INPUTS, MOST_RESTARTS = 30, 3
+_MEMORY = Path("/dev/shm")  # noqa: S108 - it is only faster
 _KINDS: tuple[Any, ...] = (*Input.__args__, Ended)
 
 
 def _segment(choices: Choices, *, is_first: bool) -> bytes:
     encode = msgspec.msgpack.Encoder().encode
     grammar = Grammar(choices, {"time": lambda: (1.0, 2.0, 50.0), "connection": lambda: LINES, "index": lambda: (0, 1)})
-    head = Head(INPUT_VERSION, "run", "0.1", is_first, Sync.BATCH, "boot", 0.0, 0.0)
+    head = Head(INPUT_VERSION, "run", "0.1", is_first, Sync.BATCH, "boot", 0.0, 0.0, PROTOCOL_VERSION)
     records = [head, *(Arrived(0.0, ConnectionId(line), packet) for line, packet in beginning())]
     records += [grammar.header(choices.one_of(_KINDS)) for _ in range(choices.below(MOST_INPUTS))]
     written = [framed(encode(one)) for one in records]
@@ -46,10 +54,74 @@ def _silent(log: logging.Logger) -> Iterator[None]:
         log.disabled = False
 
 
+class _Daemon:
+    """Central with its logs, and without lines."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises CentralError."""
+        self.log: RunLog | None = None
+        self._folder = RunFolder(folder)
+        self.central = self._folder.central
+        self.begins_at = self.central.events
+        self._folder.open(self, Sync.ALWAYS)
+
+    def take(self, event: Input) -> None:
+        """Let central handle an input."""
+        assert self.log is not None
+        self.log.take(event)
+        for one in events_of(event):
+            for effect in self.central.handle(one):
+                if isinstance(effect, Record):
+                    self.log.add(effect.entry)
+
+    def kill(self) -> None:
+        """Leave all as it is."""
+        assert self.log is not None
+        self.log.flush(self.central)
+        self.log.end(self.central, "", is_over=False)
+        self._folder.close()
+
+
+def _live(folder: Path, choices: Choices) -> int:
+    """Start, write on, and be killed; the number of the last event. Raises CentralError."""
+    daemon = _Daemon(folder)
+    try:
+        for line, packet in beginning()[: choices.below(4)]:
+            daemon.take(Arrived(daemon.central.clock.now, ConnectionId(line), packet))
+    finally:
+        daemon.kill()
+    return daemon.central.events
+
+
+def _leave_ends(folder: Path, choices: Choices) -> None:
+    """What was being written: torn, or zeros; and files that a start on a full disk has begun."""
+    torn = framed(msgspec.msgpack.encode(Tick(1.0)))
+    for suffix in (INPUT_SUFFIX, SEGMENT_SUFFIX):
+        newest = numbers(folder, suffix)[-1]
+        end = choices.one_of((b"", torn[:-1], torn[:3], bytes(choices.below(9) * 1000), b"\xce" + choices.take(30)))
+        with (folder / f"{newest:08d}{suffix}").open("ab") as stream:
+            stream.write(end)
+        for number in range(choices.below(3)):
+            (folder / f"{newest + 1 + number:08d}{suffix}").write_bytes(bytes(choices.below(2) * 50))
+
+
+def _restart(folder: Path, choices: Choices) -> None:
+    """Once a central has started, nothing that a kill leaves behind stops a later one."""
+    try:
+        events = _live(folder, choices)
+    except CentralError:
+        return  # the inputs are damaged, or nonsense
+    for _ in range(MOST_RESTARTS):
+        _leave_ends(folder, choices)
+        before, events = events, _live(folder, choices)
+        assert events > before, "something was forgotten"
+
+
 def attack(data: bytes) -> None:
     """A folder of one or two segments."""
     choices = Choices(data)
-    with _silent(logging.getLogger("tca.central")), tempfile.TemporaryDirectory() as name:
+    place = _MEMORY if _MEMORY.is_dir() else None
+    with _silent(logging.getLogger("tca.central")), tempfile.TemporaryDirectory(dir=place) as name:
         folder = Path(name)
         for number in range(1, 2 + choices.below(2)):
             (folder / f"{number:08d}.tcai").write_bytes(_segment(choices, is_first=number == 1))
@@ -58,3 +130,4 @@ def attack(data: bytes) -> None:
                 has_ended(segments)
                 for _ in InputReplay(folder, segments, cuts=choices.is_one_in(2)).entries():
                     pass
+        _restart(folder, choices)
