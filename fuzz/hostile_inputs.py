@@ -54,16 +54,19 @@ def _silent(log: logging.Logger) -> Iterator[None]:
         log.disabled = False
 
 
-class _Daemon:
+class Daemon:
     """Central with its logs, and without lines."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, sync: Sync = Sync.ALWAYS, *, accept: bool = False) -> None:
         """Raises CentralError."""
         self.log: RunLog | None = None
-        self._folder = RunFolder(folder)
-        self.central = self._folder.central
-        self.begins_at = self.central.events
-        self._folder.open(self, Sync.ALWAYS)
+        self._folder = RunFolder(folder, accept=accept)
+        self.central, self.run = self._folder.central, self._folder.run
+        try:
+            self._folder.open(self, sync)
+        except CentralError:
+            self._folder.close()
+            raise
 
     def take(self, event: Input) -> None:
         """Let central handle an input."""
@@ -84,7 +87,7 @@ class _Daemon:
 
 def _live(folder: Path, choices: Choices) -> int:
     """Start, write on, and be killed; the number of the last event. Raises CentralError."""
-    daemon = _Daemon(folder)
+    daemon = Daemon(folder)
     try:
         for line, packet in beginning()[: choices.below(4)]:
             daemon.take(Arrived(daemon.central.clock.now, ConnectionId(line), packet))
