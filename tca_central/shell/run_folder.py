@@ -2,6 +2,7 @@
 
 import logging
 import os
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from secrets import token_hex
@@ -18,6 +19,8 @@ from tca_central.shell.run_log import RunLog
 from tca_wire.journal.records import SEGMENT_SUFFIX
 
 log = logging.getLogger("tca.central")
+
+_version = cache(version)
 
 
 class Server(Protocol):
@@ -62,7 +65,7 @@ class RunFolder:
     def open(self, server: Server, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False) -> None:
         """Let a server write there; a run that goes on does so now. Raises CentralError."""
         run, central = self.run, self.central
-        epoch, release = central.epoch, version("tca-central")
+        epoch, release = central.epoch, _version("tca-central")
         inputs = None
         if keeps_inputs:
             inputs = InputLog(

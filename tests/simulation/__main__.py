@@ -1,6 +1,7 @@
 """Lives of a simulated town: python -m tests.simulation [--seed N | --lives N] [--trace]."""
 
 import argparse
+import logging
 import sys
 import time
 import traceback
@@ -21,6 +22,7 @@ def main() -> int:
     parser.add_argument("--digests", action="store_true", help="of each life: two are the same if these are")
     parser.add_argument("--trace", action="store_true")
     arguments = parser.parse_args()
+    logging.getLogger("tca.central").disabled = not arguments.trace
     if arguments.seed is not None:
         life = Life(arguments.seed, tell=print if arguments.trace else None)
         print(life.options)

@@ -33,6 +33,7 @@ from tca_central.inputs import events_of
 from tca_central.invariants import check_invariants
 from tca_central.shell.images import write_image
 from tca_central.shell.input_log import IMAGE_SUFFIX, InputLog
+from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, sync_path
 from tca_central.shell.recovery import UnfinishedRun
 from tca_central.shell.run_folder import RunFolder
@@ -162,22 +163,27 @@ class Daemon:
 
     def _take_image(self) -> None:
         """Write the state down, as a child of the daemon does."""
-        if self.core is not None and self.log is not None and may_be_taken(self.core):
-            before = self.log._inputs.hand_over()
-            number = self.log._inputs.next_segment(self.core.clock.now)
-            for path in (before, self.log._journal.hand_over()):
+        if self.core is not None and may_be_taken(self.core):
+            inputs, journal = self._logs
+            before = inputs.hand_over()
+            number = inputs.next_segment(self.core.clock.now)
+            for path in (before, journal.hand_over()):
                 sync_path(path)
             write_image(encode(self.core), self.disk.folder / f"{number:08d}{IMAGE_SUFFIX}")
             self.images += 1
 
     def _sync(self) -> None:
         """Two threads sync the two logs, in any order."""
-        if self.log is None:
-            return
-        logs = [self.log._inputs, self.log._journal]
-        for log in logs if self._clockwork.chance(0.5) else logs[::-1]:
-            log._fsync()
-        self._safe = len(self.journal)
+        if self.log is not None:
+            for log in self._logs if self._clockwork.chance(0.5) else self._logs[::-1]:
+                log._fsync()
+            self._safe = len(self.journal)
+
+    @property
+    def _logs(self) -> tuple[InputLog, JournalWriter]:
+        assert self.log is not None
+        assert self.log._inputs is not None
+        return self.log._inputs, self.log._journal
 
     def crash(self, *, power: bool = True) -> None:
         """The process is killed, perhaps by a power cut."""
@@ -307,7 +313,7 @@ class Daemon:
         self._is_half = True
         log.take(event)
         if clockwork.chance(0.3):
-            log._inputs.flush()
+            self._logs[0].flush()
         for one in events_of(event):
             if clockwork.is_told:
                 clockwork.say("central", f"has {_shown(one)}")

@@ -4,6 +4,7 @@ The files are real ones, and the daemon's own code writes, shortens and removes 
 ``os.fsync`` note what is safe, let the process crash before and after each step, and have no more room than there is.
 """
 
+import contextlib
 import errno
 import os
 import random
@@ -34,6 +35,7 @@ class Disk:
     def __enter__(self) -> Self:
         self._place = Path(mkdtemp(dir=_MEMORY if _MEMORY.is_dir() else None))
         self.folder = self._place / "journal"
+        self._prefix = str(self.folder)
         self._boot = self._place / "boot"
         self._boot.write_text("0")
         self._own = os.write, os.fsync, os.fdatasync, input_log.BOOT, log_writer.SYNC_PERIOD
@@ -76,25 +78,29 @@ class Disk:
         self.fault()
 
     def _has(self, file: int) -> bool:
-        return Path(f"/proc/self/fd/{file}").readlink().is_relative_to(self.folder)
+        return os.readlink(f"/proc/self/fd/{file}").startswith(self._prefix)  # noqa: PTH115 - a path costs more than all
 
     def _note(self, file: int) -> None:
         about = os.fstat(file)
         if stat.S_ISDIR(about.st_mode):
-            self._names = {path.name: path.stat().st_ino for path in self.folder.iterdir()}
+            self._names = self._there()
             return
         known = self._safe.setdefault(about.st_ino, bytearray())
+        if len(known) < about.st_size:
+            again = os.open(f"/proc/self/fd/{file}", os.O_RDONLY)
+            known += os.pread(again, about.st_size - len(known), len(known))
+            os.close(again)
         del known[about.st_size :]
-        with Path(f"/proc/self/fd/{file}").open("rb") as stream:
-            stream.seek(len(known))
-            known += stream.read()
+
+    def _there(self) -> dict[str, int]:
+        return {entry.name: entry.inode() for entry in os.scandir(self.folder)}
 
     # --- what happens to it ------------------------------------------------------------------------------------------
 
     def sync(self) -> None:
         """All is safe."""
-        for path in [*self.folder.iterdir(), self.folder]:
-            file = os.open(path, os.O_RDONLY)
+        for name in [*self._there(), "."]:
+            file = os.open(f"{self._prefix}/{name}", os.O_RDONLY)
             self._note(file)
             os.close(file)
 
@@ -103,9 +109,10 @@ class Disk:
         for thread in threading.enumerate():
             if thread.name.startswith("sync ."):
                 thread._target.__self__._stopped.set()  # type: ignore[attr-defined]
-        for file in list(Path("/proc/self/fd").iterdir()):
-            if file.exists() and file.readlink().is_relative_to(self.folder):
-                os.close(int(file.name))
+        for name in os.listdir("/proc/self/fd"):  # noqa: PTH208
+            with contextlib.suppress(FileNotFoundError):  # that of the listing
+                if self._has(int(name)):
+                    os.close(int(name))
 
     def cut_power(self) -> None:
         """Of what was not synced some is there, to any byte, perhaps with zeros after it; a name may be there, or not;
@@ -113,7 +120,7 @@ class Disk:
         """
         self.boots += 1
         self._boot.write_text(str(self.boots))
-        there = {path.name: path.stat().st_ino for path in self.folder.iterdir()}
+        there = self._there()
         for name in sorted(there.keys() | self._names.keys()):
             path, now, before = self.folder / name, there.get(name), self._names.get(name)
             after = now if now == before or self.dice.random() < 0.5 else before

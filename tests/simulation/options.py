@@ -83,7 +83,7 @@ def drawn(dice: random.Random) -> Options:
         half_open=dice.choice((0.5, 4.0, 15.0)),
         crashes=dice.choice((0.0, 0.0, 0.2, 0.5)),
         leaves=dice.choice((0.0, 0.0, 0.0, 0.3)),
-        central_crashes=dice.choice((0.0, 0.0, 0.003, 0.01, 0.02)),
+        central_crashes=dice.choice((0.0, 0.0, 0.001, 0.003, 0.01)),
         power_cuts=dice.choice((0.0, 0.0, 0.5, 1.0)),
         full_disks=dice.choice((0.0, 0.0, 0.0, 0.002)),
         snapshots=dice.choice((0.0, 0.005, 0.02)),
