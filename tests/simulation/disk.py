@@ -107,8 +107,9 @@ class Disk:
     def kill(self) -> None:
         """The process is no more: its files are closed, and its threads end."""
         for thread in threading.enumerate():
-            if thread.name.startswith("sync ."):
-                thread._target.__self__._stopped.set()  # type: ignore[attr-defined]
+            target = getattr(thread, "_target", None)  # None: it has just ended
+            if target is not None and thread.name.startswith("sync ."):
+                target.__self__._stopped.set()
         for name in os.listdir("/proc/self/fd"):  # noqa: PTH208
             with contextlib.suppress(FileNotFoundError):  # that of the listing
                 if self._has(int(name)):

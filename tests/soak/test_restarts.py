@@ -53,9 +53,12 @@ def test_five_hundred_power_cuts_on_one_journal(sync: Sync) -> None:
 
 @contextmanager
 def small_disk(place: Path) -> Iterator[Path]:
-    """A disk of its own of four megabytes."""
+    """A disk of its own of 32 megabytes."""
     place.mkdir()
-    if os.getuid() or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", place], check=False).returncode:
+    if (
+        os.getuid()
+        or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=32m", "tmpfs", place], check=False).returncode
+    ):
         pytest.skip("only root can mount a small disk: run it as root")
     try:
         yield place
