@@ -23,7 +23,7 @@ log = logging.getLogger("tca.central")
 _version = cache(version)
 
 
-class Server(Protocol):
+class Recorder(Protocol):
     """What writes there."""
 
     log: RunLog | None
@@ -62,7 +62,7 @@ class RunFolder:
         log.warning("begins anew: the run that ended without a goodbye, and its tasks, are left as they are")
         return None
 
-    def open(self, server: Server, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False) -> None:
+    def open(self, server: Recorder, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False) -> None:
         """Let a server write there; a run that goes on does so now. Raises CentralError."""
         run, central = self.run, self.central
         epoch, release = central.epoch, _version("tca-central")
@@ -84,7 +84,7 @@ class RunFolder:
         self._go_on(server, run, inputs, hold=hold)
 
     @staticmethod
-    def _go_on(server: Server, run: UnfinishedRun, inputs: InputLog | None, *, hold: bool) -> None:
+    def _go_on(server: Recorder, run: UnfinishedRun, inputs: InputLog | None, *, hold: bool) -> None:
         restarted = run.restarted(hold=hold)
         server.take(restarted)
         if restarted.skipped and inputs is not None:

@@ -52,16 +52,13 @@ class CentralFailed(BaseFact, frozen=True, tag="broke"):
 
 
 class CentralRestarted(BaseFact, frozen=True, tag="restarted"):
-    """Central was *away* for so many seconds of wall-clock time (0: not known), in which its clock stood still. No task
-    starts before so many connections are back or lost; with *hold* none does until somebody says so. If it *may lack*
-    what came last before (a power cut took it), *aside* is the number of entries that the journal had of that.
-    """
+    """Central was away, and its clock stood still. No task starts before its connections are back or lost."""
 
-    away: float
-    awaited: int
-    hold: bool = False
-    may_lack: bool = False
-    aside: int = 0
+    away: float  #: seconds of wall-clock time (0: not known)
+    awaited: int  #: connections
+    hold: bool = False  #: until somebody says so
+    may_lack: bool = False  #: the last inputs before a power cut
+    aside: int = 0  #: entries that the journal had of these
 
 
 class WentOn(BaseFact, frozen=True, tag="went on"):
