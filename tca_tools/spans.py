@@ -1,11 +1,15 @@
-"""Spans of time: in which lanes they have room, how many go on at once, and how much of a window they cover. Pure."""
+"""Spans of time: lanes in which they have room, how many overlap, how much of a window they cover, and which. Pure."""
 
 import heapq
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import accumulate
+from math import inf
+from operator import itemgetter
+from typing import Generic, TypeVar
 
 Span = tuple[float, float]
+_T = TypeVar("_T")
 
 
 class Cover:
@@ -77,3 +81,32 @@ def levels(spans: Iterable[Span]) -> Iterator[tuple[float, int]]:
 def most_at_once(spans: Iterable[Span]) -> int:
     """How many of the spans go on at a time, at the most."""
     return max((count for _, count in levels(spans)), default=0)
+
+
+class Overlaps(Generic[_T]):
+    """Things with a start and an end; of any window it tells, in O(log n) for each, which of them go on in it."""
+
+    def __init__(self, things: Iterable[_T], span: Callable[[_T], Span]) -> None:
+        spans = sorted(((*span(thing), thing) for thing in things), key=itemgetter(0))
+        self._starts = [start for start, _, _ in spans]
+        self._things = [thing for _, _, thing in spans]
+        self._size = 1 << max(len(spans) - 1, 0).bit_length()
+        last = [-inf] * self._size + [end for _, end, _ in spans] + [-inf] * (self._size - len(spans))
+        for node in range(self._size - 1, 0, -1):
+            last[node] = max(last[2 * node], last[2 * node + 1])
+        self._last = last  # a tree: each node has the last end of all below it, node 1 of all
+
+    def within(self, start: float, end: float) -> list[_T]:
+        """Those that begin until *end* and are over after *start*, as they begin."""
+        begun, found = bisect_right(self._starts, end), list[_T]()
+        rest = [(1, 0, self._size)]
+        while rest:
+            node, first, width = rest.pop()
+            if first >= begun or self._last[node] <= start:
+                continue
+            if width == 1:
+                found.append(self._things[first])
+            else:
+                width //= 2
+                rest += ((2 * node + 1, first + width, width), (2 * node, first, width))
+        return found

@@ -201,7 +201,7 @@ class Causes:
 
     def _cut_off(self, message: Message, at: _At) -> _Back:
         """It was killed or suspended then, or somebody no longer waited for it: back to what it waited for itself."""
-        was_killed = any(when == at.time and name in ("killed", "failure") for when, name, _ in message.changes)
+        was_killed = any(message.written(name, at.time) == at.time for name in ("killed", "failure"))
         if (back := self._going_on(message, at.time)) is not None:
             return back
         if at.wait is not None and at.wait.start < at.time and not was_killed:

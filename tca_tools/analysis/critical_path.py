@@ -102,4 +102,4 @@ def shares(run: Run, path: CriticalPath) -> list[Share]:
 
 def _end_of(task: Task) -> float:
     end = task.reached.get(Moment.END_ACHIEVING)
-    return end if end is not None else (task.states[-1][0] if task.states else task.received)
+    return end if end is not None else (task.stage(-1)[0] if task.states else task.received)

@@ -103,7 +103,7 @@ def span_of(run: Run) -> tuple[float, float]:
         first = next(iter(run.messages.values()), None)
         return (first.received if first else run.time), run.time
     top = mattering(run)
-    ends = (task.states[-1][0] if is_over(task) else run.time for task in top)
+    ends = (task.stage(-1)[0] if is_over(task) else run.time for task in top)
     return min(task.received for task in top), max(ends)
 
 

@@ -82,7 +82,7 @@ def _life(run: Run, task: Task) -> tuple[float, float | None]:
     """When a task was sent, and a little after its end, if it has ended: what it waited for may have gone on."""
     if task.state not in OVER:
         return task.received, None
-    end = max(task.states[-1][0], task.reached.get(Moment.END_ACHIEVING, 0.0))
+    end = max(task.stage(-1)[0], task.reached.get(Moment.END_ACHIEVING, 0.0))
     return task.received, min(end + (end - task.received) * ROOM, run.time)
 
 

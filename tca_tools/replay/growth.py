@@ -35,7 +35,7 @@ def growth_lines(recording: Recording, start: float, width: int | None) -> Itera
             continue
         at = RunAt(run, time)
         task = at.tasks[number]
-        state = standing(run, run.tasks[number], run.tasks[number].states[order][1], time)
+        state = standing(run, run.tasks[number], run.tasks[number].stage(order)[1], time)
         indent = "  " * depths[number] if depths[number] <= deepest else f"{'  ' * deepest}[{depths[number]}] "
         start_of_line = f"{clock:10.3f}  {' ' if order else '+'} {indent}"
         room = None if width is None else max(width - len(start_of_line) - _SHORTEST_STATE, _SHORTEST_NAME)

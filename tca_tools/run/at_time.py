@@ -101,7 +101,7 @@ class TaskAt:
     @property
     def since(self) -> float:
         """From when on it was in that state; of a queued one, in the queue that it was in then."""
-        since, state = self.record.states[self.record.place_at(self.moment)]
+        since, state = self.record.stage(self.record.place_at(self.moment))
         queueing = self.queueing if state is TaskState.QUEUED else None
         return max(since, queueing.start) if queueing else since
 
@@ -187,8 +187,7 @@ class TaskAt:
     @property
     def is_retried(self) -> bool:
         """Whether it was to be handled again, and had not been."""
-        begun = sum(run.start <= self.moment for run in self.record.handlings)
-        return bool(begun) and any(one.runs == begun and one.time <= self.moment for one in self.record.retries)
+        return self.record.was_retried(self.moment)
 
     @property
     def ahead(self) -> list[EventAhead]:

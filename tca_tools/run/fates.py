@@ -83,7 +83,7 @@ def went_on(run: Run, failed: Failing, time: float, known: float = inf) -> bool:
     """Whether the run went on, or still may, after what failed at *time*; as far as that was known at a moment."""
     *_, (last, when) = _passed_on(run, failed, time, known)
     if isinstance(last, Task):
-        has_failed = any(name == "failure" and since <= known for since, name, _ in last.changes)
+        has_failed = any(since <= known for since, _ in last.overwritten("failure")[:1])
         return has_failed and _of_task(run, last, when, known) in (*GOOD_FATES, Fate.OPEN)
     return is_told(run, last, when)
 
@@ -114,7 +114,8 @@ def watches(task: Task, state: TaskState, moment: float = inf) -> bool:
         return False
     if task.time_of(Moment.START_HANDLING) > moment:
         return False
-    retried = max((one.time for one in task.retries if one.time <= moment), default=0.0)  # it begins anew
+    place = bisect_right(task.retries, moment, key=_SINCE)
+    retried = task.retries[place - 1].time if place else 0.0  # it begins anew
     return not task.was("watched", moment) or retried >= task.written("watched", moment)
 
 
@@ -252,11 +253,11 @@ def _of_task(run: Run, task: Task, time: float, known: float = inf) -> Fate:
     a task above it may have been begun again, or the top-level task goes on.
     """
     first, last = task.place_at(time), task.place_at(known)
-    decided = next((place for place in range(first, last + 1) if task.states[place][1] not in UNDECIDED), None)
-    if decided is None and task.states[last][1] is TaskState.RECOVERING:
+    decided = next((place for place in range(first, last + 1) if task.stage(place)[1] not in UNDECIDED), None)
+    if decided is None and task.stage(last)[1] is TaskState.RECOVERING:
         return Fate.OPEN
-    if decided is not None and task.states[decided][1] is not TaskState.KILLED:
-        if _was_begun_again(task, time, task.states[decided][0]):
+    if decided is not None and task.stage(decided)[1] is not TaskState.KILLED:
+        if _was_begun_again(task, time, task.stage(decided)[0]):
             return Fate.RETRIED
         if time not in run.unhandled.get(task.id, ()):  # what survives what is above it goes on, though it has failed
             return Fate.DEALT_WITH
@@ -280,8 +281,8 @@ def _of_killed(run: Run, task: Task, time: float, known: float) -> Fate:
 
 def _last_called(run: Run, task: Task, time: float, known: float) -> Task | None:
     """The exception handler that was called last, until a moment, for a failure of a task at *time* or a later one."""
-    called = (run.tasks[one] for one in reversed(task.caught_by) if one in run.tasks)
-    newest = next((one for one in called if one.received <= known), None)
+    called = run.children_until(task.caught_by, known)
+    newest = next((run.tasks[one] for one in reversed(called) if one in run.tasks), None)
     return newest if newest is not None and newest.received >= time else None
 
 

@@ -113,8 +113,9 @@ class History(ReactionFold):
 
     def _tick(self, entry: facts.Entry, asker: Handling | str) -> None:
         """Each entry has a time of its own, however fast they follow each other: a time is a place in the journal."""
-        if self.numbers and entry.number == self.numbers[-1]:
-            return  # an event of so many facts that it takes several records
+        if self.numbers and entry.number == self.numbers[-1]:  # an event of so many facts takes several records
+            self.memo.clear()
+            return
         self.time = entry.time if entry.time > self.time or not self.times else nextafter(self.time, inf)
         self.times.append(self.time)
         self.clock.append(entry.time)

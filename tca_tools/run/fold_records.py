@@ -119,8 +119,7 @@ class RecordFold(Run):
     def _change(self, message: Message, name: str, value: str | bytes) -> None:
         """Write a new value over a field, and remember from when on it is so."""
         if getattr(message, name) != value:
-            message.changes = added(message.changes, (self.time, name, getattr(message, name)))
-            setattr(message, name, value)
+            message.overwrite(name, value, self.time)
             self._touch(message.id)
 
     def _plant(self, task: Task) -> None:

@@ -4,7 +4,7 @@ Many are spans: they start, and end unless they go on. Those of one thing lie in
 millions of records, and most have none of most things: these share ``NONE``, and ``added`` makes the first list.
 """
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -61,7 +61,7 @@ _START_HANDLING, _START_ACHIEVING = PLACES[Moment.START_HANDLING], PLACES[Moment
 _END_PLANNING, _END_ACHIEVING = PLACES[Moment.END_PLANNING], PLACES[Moment.END_ACHIEVING]
 _LATELY = 32
 """Waits of a coroutine that are looked at."""
-_START, _SINCE = attrgetter("start"), itemgetter(0)
+_START, _SINCE, _RUNS = attrgetter("start"), itemgetter(0), attrgetter("runs")
 
 
 class Span:
@@ -379,8 +379,10 @@ class Message:
     body: bytes = b""
     queueings: Sequence[Queueing] = NONE
     handlings: Sequence[Handling] = NONE
-    changes: Sequence[Change] = NONE
-    """The overwritten values: when, which of the fields (``body`` or one below), and the old value."""
+    changes: Sequence[Change] | dict[str, list[tuple[float, Any]]] = NONE
+    """The overwritten values: when, which of the fields (``body`` or one below), and the old value. Many are kept by
+    field, so that each is found in O(log).
+    """
     failure: Failure = NO_FAILURE
     """The failure raised on it; none again when it is handled anew."""
     dropped: str = ""
@@ -404,22 +406,38 @@ class Message:
         """Whether its sender waited no longer for the answer."""
         return self.dropping is Dropping.GIVEN_UP
 
+    def overwrite(self, name: str, value: Any, time: float) -> None:
+        """Write a new value over a field, and remember from when on it is so."""
+        old = getattr(self, name)
+        setattr(self, name, value)
+        if not isinstance(self.changes, dict):
+            if len(self.changes) < _SHORT:
+                self.changes = (*self.changes, (time, name, old))
+                return
+            self.changes = {field_name: self.overwritten(field_name) for _, field_name, _ in self.changes}
+        self.changes.setdefault(name, []).append((time, old))
+
+    def overwritten(self, name: str) -> list[tuple[float, Any]]:
+        """The old values of one of its fields, oldest first, and when each was written over."""
+        if isinstance(self.changes, dict):
+            return self.changes.get(name, [])
+        return [(time, old) for time, field_name, old in self.changes if field_name == name]
+
     def was(self, name: str, moment: float) -> Any:
         """The value of one of its fields at a moment."""
-        for time, field_name, old in self.changes:
-            if time > moment and field_name == name:
-                return old
-        return getattr(self, name)
+        old = self.overwritten(name) if self.changes else ()
+        place = bisect_right(old, moment, key=_SINCE)
+        return old[place][1] if place < len(old) else getattr(self, name)
 
     def written(self, name: str, moment: float = inf) -> float:
         """When one of its fields was last written over, until a moment; else when it was sent."""
-        times = (time for time, field_name, _ in reversed(self.changes) if field_name == name and time <= moment)
-        return next(times, self.received)
+        old = self.overwritten(name) if self.changes else ()
+        place = bisect_right(old, moment, key=_SINCE)
+        return old[place - 1][0] if place else self.received
 
     def became(self, name: str) -> list[tuple[float, Any]]:
         """The values written over one of its fields, and when, oldest first."""
-        written = [(time, old) for time, field_name, old in self.changes if field_name == name]
-        return [(time, new) for (time, _), (_, new) in pairwise([*written, (0.0, getattr(self, name))])]
+        return [(time, new) for (time, _), (_, new) in pairwise([*self.overwritten(name), (0.0, getattr(self, name))])]
 
     @property
     def failures(self) -> list[tuple[float, Failure]]:
@@ -479,7 +497,7 @@ class Task(Message):
     """The transitions of its life cycle that are facts of their own; lives.py adds those that other facts imply."""
     since: Sequence[float] = NONE
     """From when on it was in each of its states."""
-    stages: bytes = b""
+    stages: bytes | bytearray = b""
     """Those states, a byte each: see ``states``."""
 
     @property
@@ -505,14 +523,23 @@ class Task(Message):
         """Note its state from a time on; whether it is another one."""
         if self.stages.endswith(stage := _AS_BYTE[state]):
             return False
-        self.since, stages = added(self.since, time), self.stages + stage
-        self.stages = _SHARED.setdefault(stages, stages) if len(stages) <= _SHORT else stages
+        self.since = added(self.since, time)
+        if isinstance(self.stages, bytearray):
+            self.stages += stage
+        elif len(self.stages) < _SHORT:
+            self.stages = _SHARED.setdefault(stages := self.stages + stage, stages)
+        else:
+            self.stages = bytearray(self.stages + stage)
         return True
 
     @property
     def states(self) -> list[tuple[float, TaskState]]:
         """From when on it was in which state."""
         return [(since, _STATES[stage]) for since, stage in zip(self.since, self.stages, strict=True)]
+
+    def stage(self, place: int) -> tuple[float, TaskState]:
+        """One of these."""
+        return self.since[place], _STATES[self.stages[place]]
 
     def place_at(self, time: float) -> int:
         """Which of its states it was in."""
@@ -535,7 +562,13 @@ class Task(Message):
     @property
     def is_retried(self) -> bool:
         """Whether it is to be handled again, and has not been."""
-        return bool(self.retries and self.handlings) and self.retries[-1].runs == len(self.handlings)
+        return self.was_retried(inf)
+
+    def was_retried(self, time: float) -> bool:
+        """Whether it was to be handled again at a time, and had not been."""
+        begun = bisect_right(self.handlings, time, key=_START)
+        first = bisect_left(self.retries, begun, key=_RUNS)
+        return bool(begun) and any(one.runs == begun and one.time <= time for one in self.retries[first : first + 1])
 
     @property
     def state(self) -> TaskState:

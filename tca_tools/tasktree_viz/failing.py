@@ -102,7 +102,7 @@ def _steps_of(run: Run, cause: _FailureCause) -> Iterator[tuple[_Place, Link]]:
 
 
 def _newest_state(task: Task, moment: float) -> float:
-    return next((time for time, _ in reversed(task.states) if time <= moment), task.received)
+    return task.stage(task.place_at(moment))[0]
 
 
 def _retries(run: Run, task: Task, depth: int) -> Iterator[Link]:
@@ -177,7 +177,8 @@ def _causes(run: Run, failed: _FailureCause) -> Iterator[_FailureCause]:
 
 def _decided(task: Task, failed: float) -> float:
     """When it was decided what became of a task that had failed."""
-    states = (time for time, state in task.states if time > failed and state not in UNDECIDED)
+    places = range(task.place_at(failed), len(task.stages))
+    states = (time for time, state in map(task.stage, places) if time > failed and state not in UNDECIDED)
     return min(next(states, inf), _killed(task), task.time_of(Moment.END_ACHIEVING))
 
 

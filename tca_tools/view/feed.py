@@ -247,12 +247,12 @@ class Feed:
             self.columns.add("task", task.id, task.parent, task.name, task.sender, task.role, form, task.received)
         is_monitor = task.message_class.is_monitor
         if is_monitor:
-            self._tell_watching(task, has_changed=told < len(task.states))
-        for time, state in task.states[told:]:
+            self._tell_watching(task, has_changed=told < len(task.stages))
+        for time, state in map(task.stage, range(told, len(task.stages))):
             if not is_monitor:
                 self.columns.add("state", task.id, time, state)
             self._tell_suspension(task, state, time)
-        self._states[task.id] = len(task.states)
+        self._states[task.id] = len(task.stages)
         if not task.holds:
             return
         for hold in task.holds[self._holds.get(task.id, 0) :]:
@@ -271,7 +271,7 @@ class Feed:
 
     def _tell_watching(self, monitor: Task, *, has_changed: bool) -> None:
         """A monitor watches, and goes on when it does no longer, in one state of its task."""
-        state = monitor.states[-1][1]
+        state = monitor.stage(-1)[1]
         is_watching = watches(monitor, state)
         if has_changed or is_watching != (monitor.id in self._watching):
             self.columns.add("state", monitor.id, self.history.time, WATCHING if is_watching else state)

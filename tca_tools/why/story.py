@@ -1,6 +1,6 @@
 """The story of one message, in sentences: its sender, its waits, its handlers, its end."""
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator
 from itertools import groupby
 from math import inf, nextafter
@@ -30,6 +30,7 @@ from tca_wire.waits import WaitFor, WaitKind
 
 NOT_HANDLED = "no exception handler handled that"
 """Of a task that failed and was killed for that: how it failed is said already."""
+_START = attrgetter("start")
 _SHORTEST = 0.0005
 """Seconds: of what has just begun no length is said."""
 _MANY = 3
@@ -397,7 +398,7 @@ def _states(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
             elif state not in _IS_TOLD:
                 yield Sentence(start, str(state))
         elif state not in _IS_TOLD:
-            kept = [one for one in waits if start <= one.start < end]
+            kept = waits[bisect_left(waits, start, key=_START) : bisect_left(waits, end, key=_START)]
             if state is TaskState.PLANNING and any(isinstance(one.record, Handling) for one in kept):
                 kept = []
             yield from _in_state(at, task, state, kept) if kept else [_lasting(start, end, str(state))]
@@ -435,6 +436,6 @@ def _in_vain(run: Run, task: Task, waits: list[Wait], end: float) -> str:
     bad = [
         str(one)
         for one, over in awaited
-        if one and one.states[-1] in ((over, TaskState.FAILED), (over, TaskState.KILLED))
+        if one and one.stage(-1) in ((over, TaskState.FAILED), (over, TaskState.KILLED))
     ]
     return f", but {listed(bad)} came to nothing" if bad else ""

@@ -13,11 +13,12 @@ further nodes is a leaf: HANDLER, DELAY, CONDITION, RUNNING, and RESUME of what 
 """
 
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import inf
 from operator import attrgetter, itemgetter
+from typing import TypeVar
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import watches, watching
@@ -37,7 +38,9 @@ from tca_tools.run.records import (
     lately,
 )
 from tca_tools.run.whole_run import Run
+from tca_tools.spans import Overlaps
 from tca_tools.why.keepers import Keepers, ahead_of_claim, kept_out, kept_since
+from tca_tools.why.overlapping import children_within, has_many, worked_out
 from tca_tools.why.retries import of_retry
 from tca_tools.why.wait import Node, Wait
 from tca_wire.points import (
@@ -81,7 +84,8 @@ _OF_POINTS = (
 )  # fmt: skip
 _LEAVES = (WaitKind.HANDLER, WaitKind.DELAY, WaitKind.CONDITION, WaitKind.RUNNING, WaitKind.PRESENCE)
 
-_START, _SINCE = attrgetter("start"), itemgetter(0)
+_Span = TypeVar("_Span", Queueing, Handling)
+_START, _SINCE, _SPAN = attrgetter("start"), itemgetter(0), attrgetter("start", "end")
 
 
 # --- all waits of one record -----------------------------------------------------------------------------------------
@@ -99,18 +103,26 @@ def waits_of(run: Run, number: int) -> list[Wait]:
 
 def _of_message(run: Run, message: Message, time: float | None = None) -> Iterator[Wait]:
     """In queues, and while it is handled; only what goes on at a *time*."""
-    for queueing in (*message.queueings, *run.copies.get(message.id, ())):
+    for queueing in (*_lasting(message.queueings, time), *run.copies.get(message.id, ())):
         if time is None or queueing.goes_on(time):
             kind = WaitKind.RESOURCE if queueing.module else WaitKind.HANDLER
             is_first = isinstance(message, Task) and message.time_of(START_HANDLING) > queueing.start
             holds = START_HANDLING if is_first else _ENDS
             yield Wait(queueing.start, queueing.until, kind, Node(message.id), holds, queueing)
-    for handling in message.handlings:
+    is_one = isinstance(message, Task)  # of others there may be several at once
+    for handling in _lasting(message.handlings, time if is_one else None):
         if time is None or handling.goes_on(time):
             waits = handling.waits if time is None else lately(handling.waits, time)
             if time is None or not waits:
                 yield Wait(handling.start, handling.until, WaitKind.RUNNING, node_of(run, handling), _ENDS, handling)
             yield from (of_handler_wait(run, wait) for wait in waits)
+
+
+def _lasting(spans: Sequence[_Span], time: float | None) -> Sequence[_Span]:
+    """All spans, one after the other, or (at a *time*) the one that goes on then."""
+    if time is None:
+        return spans
+    return [one for one in [going_on(spans, time)] if one is not None]
 
 
 def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
@@ -147,7 +159,7 @@ def _subtasks(
     """
     last, number, begun = min(task.time_of(moment), over), 0, -inf
     others: list[float] = []
-    for child in _under(run, task.children, moment, None):
+    for child in _under(run, children_within(run, task, moment, since, over), moment, None):
         start, end = max(child.received, since), min(child.time_of(moment), last)
         if start >= end or (together and end - start < NO_TIME):
             continue
@@ -172,7 +184,8 @@ def _under(run: Run, children: Sequence[TaskId], moment: int, time: float | None
         if not is_watcher or is_kept:
             found.append(child)
         if is_watcher and not (is_kept and time is not None):
-            rest += reversed(child.children)
+            still = child.children if time is None else children_within(run, child, moment, time, time)
+            rest += reversed(still)
     return found
 
 
@@ -205,6 +218,13 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
     return (wait for wait in found if wait.start < wait.end)
 
 
+def _own(run: Run, task: Task, start: float, end: float) -> Iterable[Wait]:
+    """Those of a task that go on between two times, perhaps with others."""
+    if not has_many(task):
+        return _of_task(run, task)
+    return worked_out(run, (_own, task.id), lambda: Overlaps(_of_task(run, task), _SPAN)).within(start, end)
+
+
 def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[Wait]:
     """Until a point is reached; then, if it has a delay, until that is over. One between two moments of the task itself
     is none of its own: what holds the first holds the second, too (``_moments``).
@@ -235,14 +255,16 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
     called = [run.tasks[number] for number in task.caught_by if number in run.tasks]
     known = [run.tasks[number] for number in task.deciders if number in run.tasks]
     ends = {one.id: later.received for one, later in pairwise(known)}
+    spans = {one.id: (one.received, min(ends.get(one.id, inf), one.time_of(END_ACHIEVING))) for one in called}
+    deciding = Overlaps(called, lambda handler: spans[handler.id])
     for since, over, state in task.spans():
         if state is TaskState.RECOVERING:
             if not called:  # the journal begins later
                 yield Wait(since, over, WaitKind.RECOVERY, Node(0), _ENDS)
-            for handler in called:
-                start = max(since, handler.received)
-                end = min(over, ends.get(handler.id, inf), handler.time_of(END_ACHIEVING))
-                yield Wait(start, end, WaitKind.RECOVERY, Node(handler.id, END_ACHIEVING), _ENDS)
+            for handler in deciding.within(since, over):
+                start, end = spans[handler.id]
+                on = Node(handler.id, END_ACHIEVING)
+                yield Wait(max(since, start), min(over, end), WaitKind.RECOVERY, on, _ENDS)
 
 
 def _is_to_be_handled_again(task: Task, time: float) -> bool:
@@ -252,7 +274,7 @@ def _is_to_be_handled_again(task: Task, time: float) -> bool:
         return True
     last = task.handlings[begun - 1]
     is_cut_off = last.outcome is None and last.end is not None and last.end <= time
-    return is_cut_off or any(retry.time <= time and retry.runs == begun for retry in task.retries)
+    return is_cut_off or task.was_retried(time)
 
 
 # --- at a moment -----------------------------------------------------------------------------------------------------
@@ -296,7 +318,7 @@ def _turn(run: Run, message: Message, time: float) -> _Turn:
     if known is None or known.number != number:
         waits, following = list(_of_message(run, message, time)), Node(message.id)
         if isinstance(message, Task):
-            waits = [*(one for one in _of_task(run, message) if one.start <= time < one.end), *waits]
+            waits = [*(one for one in _own(run, message, time, time) if one.start <= time < one.end), *waits]
             following = _next(message, time)
         known = run.memo[message.id] = _Turn(number, following, waits)
     return known
@@ -373,7 +395,7 @@ def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float
         return [one for one in waits if one.kind is WaitKind.RESUME], []
     wanted = _moments(message, node.moment, time)
     last = wanted & END_ACHIEVING or wanted & END_PLANNING  # what is achieved is planned
-    under = _under(run, message.children, last, time) if last else []
+    under = _under(run, children_within(run, message, last, time, time), last, time) if last else []
     found = [one for one in waits if one.holds & wanted or (wanted and _resumes(message, one, time))]
     named = {one.on for one in found if one.kind in (WaitKind.SUBTASK, WaitKind.RECOVERY)}
     subtasks = (Node(one.id, last) for one in under if one.received <= time < one.time_of(last))
@@ -505,14 +527,14 @@ def waits_now(at: RunAt, number: int) -> list[Wait]:
     waits = [*kept.waits, *(_subtask(at.run, one) for one in first), *(_subtask(at.run, one, others) for one in newest)]
     task = at.run.tasks.get(number)
     place = task.place_at(at.moment) if task else 0
-    if task is not None and task.states[place][1] is TaskState.SUSPENDED:
+    if task is not None and task.stage(place)[1] is TaskState.SUSPENDED:
         waits = [*_still_running(at, task), *waits]
     return [_told(at, number, task, place, wait) for wait in waits]
 
 
 def _told(at: RunAt, number: int, task: Task | None, place: int, wait: Wait) -> Wait:
-    if task is not None and _is_of_state(wait, task.states[place][1]):
-        since, begun = task.states[place][0], _begun(task, place)
+    if task is not None and _is_of_state(wait, task.stage(place)[1]):
+        since, begun = task.stage(place)[0], _begun(task, place)
         return wait._replace(start=max(wait.start, since), since=min(begun, max(wait.start, since)))
     if wait.kind in (WaitKind.RESOURCE, WaitKind.LOCK):
         return wait._replace(start=kept_since(at, keepers_of(at, wait), wait.start), since=wait.start)
@@ -534,7 +556,7 @@ def told_waits(run: Run, task: Task, *, together: bool = False) -> list[Wait]:
     for from one time on, the last that is named stands for the rest.
     """
     found: list[Wait] = []
-    own, handled = list(_of_task(run, task)), list(_of_message(run, task))
+    own, handled = Overlaps(_of_task(run, task), _SPAN), Overlaps(_of_message(run, task), _SPAN)
     for place, (since, over, state) in enumerate(task.spans()):
         if state in OVER or over - since < NO_TIME:
             continue
@@ -542,9 +564,9 @@ def told_waits(run: Run, task: Task, *, together: bool = False) -> list[Wait]:
         lasts = [one for one in (END_ACHIEVING, END_PLANNING) if one & wanted]
         subtasks = [wait for one in lasts for wait in _subtasks(run, task, one, since, over, together=together)]
         waits = [
-            *((one.start, one) for one in own),
+            *((one.start, one) for one in own.within(since, over)),
             *((run.tasks[one.on.number].received, one) for one in subtasks),
-            *((one.start, one) for one in handled),
+            *((one.start, one) for one in handled.within(since, over)),
         ]
         for _, wait in sorted(waits, key=_SINCE):
             start, end = max(wait.start, since), min(wait.end, over)
@@ -567,10 +589,10 @@ def _is_of_state(wait: Wait, state: TaskState) -> bool:
 
 def _begun(task: Task, place: int) -> float:
     """Since when a task waits that is in one of its states. It goes on with a wait after a suspension."""
-    states = task.states
-    while place > 1 and [state for _, state in states[place - 2 : place]] == [states[place][1], TaskState.SUSPENDED]:
+    state = task.stage(place)[1]
+    while place > 1 and (task.stage(place - 2)[1], task.stage(place - 1)[1]) == (state, TaskState.SUSPENDED):
         place -= 2
-    return states[place][0]
+    return task.stage(place)[0]
 
 
 def _still_running(at: RunAt, task: Task) -> Iterator[Wait]:
