@@ -105,7 +105,7 @@ def _command(name: str, output: str = "") -> Callable[[Path], object]:
     def run(path: Path) -> None:
         with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
             named = ["-o", str(Path(folder) / output)] if output else []
-            with contextlib.suppress(ToolError, SystemExit):  # schedule: no coordinator
+            with contextlib.suppress(ToolError):  # schedule: no coordinator
                 tca([*name.split(), str(path), *named], standalone_mode=False)
 
     return run
@@ -134,8 +134,8 @@ def _click(path: Path) -> None:
     numbers = list(run.tasks)
     for moment in (run.time, run.time / 2):
         answers.causes_answer(reading, moment)
-        for part in range(_CLICKS):
-            chosen = numbers[len(numbers) * part // _CLICKS :][:30]
+        for first in [1, 2, *(len(numbers) * part // _CLICKS for part in range(_CLICKS))]:
+            chosen = numbers[first:][:30]
             answers.message_answer(reading, chosen[0], moment)
             answers.notes_answer(reading, chosen, moment)
 

@@ -6,7 +6,6 @@ import logging
 import os
 import signal
 import sys
-import time
 from pathlib import Path
 from secrets import token_hex
 
@@ -24,7 +23,7 @@ from tca_central.shell.log_writer import Sync, is_written
 from tca_central.shell.recovery import unfinished
 from tca_central.shell.run_folder import RunFolder
 from tca_central.shell.server import LOST_AFTER, Daemon
-from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals, journal_link
+from tca_wire.endpoint import VARIABLE, default_endpoint, is_loopback, journal_link, new_journal
 from tca_wire.errors import KeyRefused
 from tca_wire.keys import keys_folder
 from tca_wire.vocabulary import DISK_FULL
@@ -34,8 +33,6 @@ log = logging.getLogger("tca.central")
 LONGEST_PATH = 100
 """Bytes in the path of a Unix socket; systems differ between 103 and 107."""
 
-LOOPBACK = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:")
-
 INSECURE = "anybody on this computer can connect, and do everything (--insecure): make keys with 'tca keys new NAME'"
 
 CORE = "compiled" if is_compiled() else "pure Python"
@@ -43,10 +40,6 @@ CORE = "compiled" if is_compiled() else "pure Python"
 
 class _NoRoom(click.ClickException):
     exit_code = DISK_FULL
-
-
-def _new_journal_folder() -> Path:
-    return default_journals() / f"{time.strftime('%Y-%m-%dT%H-%M-%S')}-{os.getpid()}"
 
 
 def _lost_after(_context: click.Context, _option: click.Parameter, seconds: int) -> int:
@@ -78,7 +71,7 @@ def _check_address(bind: str, *, insecure: bool) -> None:
     if not is_tcp and not bind.startswith("ipc:///"):
         msg = f"'{bind}' is no address: use ipc:///path/of/socket or tcp://127.0.0.1:port (port * takes a free one)"
         raise click.UsageError(msg)
-    if is_tcp and insecure and not bind.startswith(LOOPBACK):
+    if is_tcp and insecure and not is_loopback(bind):
         msg = f"{bind} can be reached from other machines, so whoever connects needs a key: leave --insecure out, and \
 make keys with 'tca keys new NAME'"
         raise click.UsageError(msg)
@@ -91,7 +84,7 @@ def _tell_where(address: str, journal: Path | None, *, is_named: bool) -> None:
     link = journal_link(address)
     with contextlib.suppress(OSError):
         if journal is not None and is_named:
-            _link(_new_journal_folder(), journal.resolve())
+            _link(new_journal(), journal.resolve())
         link.unlink(missing_ok=True)
         if journal is not None:
             _link(link, journal.resolve())
@@ -192,7 +185,7 @@ def central(  # noqa: PLR0913 - one for each option
         if not no_journal:
             is_fresh = fresh or no_inputs
             accept = "facts" in resume
-            folder = journal or _unfinished_at(endpoint, is_fresh=is_fresh, accept=accept) or _new_journal_folder()
+            folder = journal or _unfinished_at(endpoint, is_fresh=is_fresh, accept=accept) or new_journal()
             run = RunFolder(folder, is_fresh=is_fresh, accept=accept)
         gate = gate_for(endpoint, keys_folder(), permissions, insecure=insecure)
         known = Central(token_hex(8)) if run is None else run.central

@@ -5,14 +5,13 @@ import re
 import shlex
 import shutil
 import sys
-import time
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 from msgspec import Meta
 
-from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals
+from tca_wire.endpoint import VARIABLE, default_endpoint, new_journal
 from tca_wire.user_toml import BadUserFile, advice, check_keys, read_table, read_toml
 
 CENTRAL = "central"
@@ -139,8 +138,7 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
 
 def _central(table: _CentralTable, address: str, folder: Path) -> Launch:
     """A journal of its own for each run of the robot, unless one is named: a restarted central goes on with it."""
-    new = default_journals() / f"{time.strftime('%Y-%m-%dT%H-%M-%S')}-{os.getpid()}"
-    journal = _path(folder, table.journal) if table.journal else new
+    journal = _path(folder, table.journal) if table.journal else new_journal()
     command = [sys.executable, "-m", "tca_central", "--bind", address, "--journal", str(journal), *table.options]
     environment = _environment(address, {})
     return Launch(name=CENTRAL, command=command, cwd=folder, env=environment, limits=table, journal=journal)

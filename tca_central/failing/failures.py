@@ -32,6 +32,8 @@ from tca_wire.vocabulary import CENTRAL, Limit, Refusal, Role
 LONGEST_REASON = 500
 """Characters of why an exception handler could not decide that the failure it was called for tells of."""
 
+MOST_ATTEMPTS = 100
+"""Times that a task is handled for the sake of an exception handler without a maximum of its own."""
 MOST_KINDS = 32
 MOST_NESTED = 8
 """The greatest depth of calls of one exception handler within its own: a handler that fails with the failure
@@ -342,6 +344,14 @@ def _asking_handler(central: State, task: Task) -> Task | None:
     return asking
 
 
+def _check_attempts(task: Task, asking: Task) -> None:
+    """Raises RequestError if the task has been handled so often that only a handler with a maximum may retry it."""
+    attempts = task.rare.attempts if task.rare is not None else 1
+    if not asking.context.attached.maximum and attempts >= MOST_ATTEMPTS:
+        text = f"{task} has been handled {attempts} times: attach its exception handler with maximum= for more"
+        raise RequestError(Refusal.OVERLOAD, text)
+
+
 def check_order(central: State, task: Task, asking: Task | None) -> None:
     """Raises RequestError if the retry would wait for something that outlives it and waits for the task."""
     guests = [monitor for monitor in (task.watchers or {}).values() if monitor.is_guest]  # may watch until it returns
@@ -386,6 +396,8 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
     if task is None:
         return
     asking = _asking_handler(central, task)
+    if asking is not None:
+        _check_attempts(task, asking)
     check_order(central, task, asking)
     if header.new_data:
         central.check_room(len(body))

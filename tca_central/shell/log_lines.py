@@ -14,6 +14,8 @@ NAMED = 3
 """So many tasks and messages that failed of one cause are named in a line."""
 
 
+OFTEN, _MOST_OFTEN = 20, 1000
+"""Attempts after which the log warns, once a task; and how many such tasks are remembered."""
 LONGEST_LINE = 2000
 """Characters of a line. What is cut out is in the journal."""
 
@@ -37,6 +39,7 @@ class LogLines:
         self.losses = LossLog(log)
         self._log = log
         self._central = central
+        self._often: set[int] = set()  #: tasks of which the log has warned since they are retried often
         self._unseen: set[str] = set()  #: conditions that nobody handles, and of which the log has warned
         self._ways: dict[type, Callable[[Any, Record], object]] = {
             facts.Dropped: self._lost,
@@ -48,6 +51,7 @@ class LogLines:
             facts.PermissionsChanged: self._permissions,
             facts.ModuleLeft: lambda fact, _: log.info("module '%s' left: %s", fact.module, fact.why),
             facts.Queued: self._queued,
+            facts.Retried: self._retried,
             facts.HandlerAdded: lambda fact, _: self._unseen.discard(fact.message),
         }
 
@@ -94,6 +98,15 @@ class LogLines:
             which, said = ", ".join(parts[:NAMED]), first_line(text)
             more = f" and {len(parts) - NAMED:,} more" if len(parts) > NAMED else ""
             self._log.warning("failure '%s' of %s%s%s", failure, which, more, f": {said}" if said else "")
+
+    def _retried(self, fact: facts.Retried, _: Record) -> None:
+        task = self._central.tree.tasks.get(fact.task)
+        attempts = task.rare.attempts if task is not None and task.rare is not None else 0
+        if attempts >= OFTEN and fact.task not in self._often:
+            if len(self._often) >= _MOST_OFTEN:
+                self._often.clear()
+            self._often.add(fact.task)
+            self._log.warning("%s has been handled %d times, and is retried again", task, attempts)
 
     def _queued(self, fact: facts.Queued, _: Record) -> None:
         if fact.module or (watch := self._central.watch_of_condition.get(fact.id)) is None:

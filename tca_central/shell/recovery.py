@@ -27,6 +27,9 @@ log = logging.getLogger("tca.central")
 GRACE = 10.0
 """Seconds that modules have to come back."""
 
+LONGEST_AWAY = 30 * 86_400.0
+"""Seconds that a run's clock goes on at most where the machine was started anew: it may have had no clock before."""
+
 SKIPPED = 1_000_000
 """Numbers that are passed over where the last second of the inputs may be lost: some may have been given in it."""
 
@@ -49,7 +52,8 @@ class UnfinishedRun:
     def restarted(self, *, hold: bool) -> Restarted:
         """The event with which it goes on."""
         clock = self.central.clock.now
-        away = max(0.0, time.time() - self.head.wall - (clock - self.head.clock))
+        longest = LONGEST_AWAY if _was_booted(self.head) else time.monotonic()  # the wall clock may have been set since
+        away = min(max(0.0, time.time() - self.head.wall - (clock - self.head.clock)), longest)
         return Restarted(clock, away, GRACE, hold, SKIPPED if self.may_lack else 0, self.aside)
 
     def gone(self) -> Iterator[ConnectionLost]:

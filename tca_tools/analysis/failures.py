@@ -102,7 +102,7 @@ def _case(run: Run, one: Failed) -> Case:
     recovery, called = 0.0, list[str]()
     if isinstance(message, Task):
         recovery = _recovered(run, message, one) - time
-        called = [call.text for call in calls(RunAt(run), message) if time <= call.time < one.until]
+        called = [call.text for call in calls(RunAt(run), message, time, one.until)]
         if (above := begun_again_with(run, message, time)) is not None:
             why = f"{above} was handled again: {above.state}"
         if became in ENDED_TASKS:

@@ -88,7 +88,7 @@ def runs(folder: Path | None) -> None:
     Without FOLDER those in central's folder of journals. Where several runs lie in one folder, all commands take one of
     them as FOLDER#NUMBER, and without a number the last.
     """
-    folders = [open_log(folder).path] if folder else sorted(run_folders())
+    folders = [open_log(folder).path] if folder else [*run_folders()][::-1]
     if not folders:
         newest_journal()
     found = [run for one in folders if one.is_dir() for run in runs_in(one)]

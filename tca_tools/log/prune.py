@@ -7,12 +7,14 @@ has written stays, and so do links: what lies elsewhere is pruned where it is.
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import accumulate
 from pathlib import Path
 from typing import NamedTuple
 
 from tca_tools.errors import ToolError, UnusableLog
 from tca_tools.run.journals import is_closed, runs_in
 from tca_tools.run.segments import Folder, listed, segments_in
+from tca_wire.endpoint import by_number, run_number
 from tca_wire.text.printable import printable
 
 
@@ -33,12 +35,27 @@ class StoredRun(NamedTuple):
 
 def stored_runs(folder: Path) -> list[StoredRun]:
     """The runs in a folder, or in the folders right in it, by their ends. Raises UnusableLog if there are none."""
-    journals = [folder] if segments_in(folder) else [one for one in listed(folder) if _is_journal(one)]
-    runs = sorted((run for journal in journals for run in _runs_in(journal)), key=lambda run: run.ended)
+    journals = [folder] if segments_in(folder) else by_number(one for one in listed(folder) if _is_journal(one))
+    numbered = [journal for journal in journals if run_number(journal)]
+    runs = _in_order([run for journal in numbered for run in _runs_in(journal)])
+    for journal in journals[: len(journals) - len(numbered)]:
+        runs += _in_order(list(_runs_in(journal)))
+    runs.sort(key=lambda run: run.ended)
     if not runs:
         raise UnusableLog(f"{printable(str(folder))}: no runs lie there")
     crashed = next((run for run in reversed(runs) if not run.kept and not is_closed(run.files[-1])), None)
     return [run if run is not crashed else run._replace(kept="ended without a goodbye: it may go on") for run in runs]
+
+
+def _in_order(runs: list[StoredRun]) -> list[StoredRun]:
+    """Runs that follow each other, with ends in that order. A run whose clock showed an earlier time than one before it
+    had no clock that knew the day: it may have ended as late as the next one, or now.
+    """
+    found, after = list[StoredRun](), time.time()
+    for run, latest in reversed([*zip(runs, accumulate((run.ended for run in runs), max), strict=True)]):
+        after = latest if run.ended == latest else max(after, latest)
+        found.append(run._replace(ended=after))
+    return found[::-1]
 
 
 def _is_journal(path: Path) -> bool:
@@ -48,12 +65,11 @@ def _is_journal(path: Path) -> bool:
 
 
 def _runs_in(journal: Path) -> Iterator[StoredRun]:
-    """A run has not ended before those whose numbers it follows: a robot may learn the time late."""
-    runs, ended = list(runs_in(journal)), 0.0
+    runs = list(runs_in(journal))
     files = Folder(journal).files()  # listed last: a run that begins meanwhile has some
     for name, opened, log in runs:
         stats = [path.stat() for path in files[opened.epoch]]
-        ended = max(ended, *(one.st_mtime for one in stats))
+        ended = max(one.st_mtime for one in stats)
         kept = "a central writes it" if log.is_being_written else ""
         yield StoredRun(name, journal, files[opened.epoch], sum(one.st_size for one in stats), ended, kept)
 

@@ -26,6 +26,7 @@ from tca_tools.terminal import columns_of, cut
 from tca_tools.why.story import story
 from tca_wire.journal.facts import kind_of
 from tca_wire.text.bodies import data_text
+from tca_wire.text.measures import counted
 from tca_wire.text.printable import first_line, printable, printable_lines
 
 _STATE_WIDTH = 11
@@ -36,6 +37,8 @@ _SHARE_OF_NAMES = 0.4
 _LEVELS = 8, 12
 """How many levels have wide guides, and how many are indented before that begins anew."""
 _LONGEST_DATA = 100
+_LONGEST_STORY = 300
+"""Sentences: to lay out thousands at each step takes seconds."""
 _HANDLED = "yellow"
 _TINTS = {True: "red", None: _HANDLED, False: ""}
 """Of what is bad news, or was (None)."""
@@ -175,14 +178,17 @@ class StoryPane(Vertical):
             lines += [Text(note, "yellow") for note in [words.note(at, task)] if note]
         head.update(Text("\n").join(lines))
         run, table = at.run, Table.grid(padding=(0, 2, 0, 0))
-        for sentence in story(run, number, at.moment):
-            if sentence.time <= at.moment:
-                clock = self._recording.time(self._recording.place_of_record(sentence.time))
-                style = "red" if sentence.is_bad else ""
-                if style and coped_with(run, run.tasks[number], sentence.time, at.moment):
-                    style = _HANDLED
-                told = Text(printable_lines(sentence.by(at.moment, at.time)), style)
-                table.add_row(Text(f"{clock:9.3f}", "dim", no_wrap=True), told)
+        sentences = [one for one in story(run, number, at.moment) if one.time <= at.moment]
+        if untold := max(len(sentences) - _LONGEST_STORY, 0):
+            more = f"... and {counted(untold, 'sentence')} before: 'tca tree --story {number}' prints all"
+            table.add_row("", Text(more, "dim"))
+        for sentence in sentences[untold:]:
+            clock = self._recording.time(self._recording.place_of_record(sentence.time))
+            style = "red" if sentence.is_bad else ""
+            if style and coped_with(run, run.tasks[number], sentence.time, at.moment):
+                style = _HANDLED
+            told = Text(printable_lines(sentence.by(at.moment, at.time)), style)
+            table.add_row(Text(f"{clock:9.3f}", "dim", no_wrap=True), told)
         log.write(table, expand=True)
 
     def scroll_pages(self, pages: int) -> None:

@@ -14,7 +14,7 @@ import click
 from tca_tools.errors import DamagedLog, UnusableLog
 from tca_tools.run.losses import Losses
 from tca_tools.run.segments import Folder, listed, segments_in
-from tca_wire.endpoint import VARIABLE, default_journals, journal_link
+from tca_wire.endpoint import VARIABLE, by_number, default_journals, journal_link
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.facts import Closed, Entry, Opened
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
@@ -87,9 +87,9 @@ def runs_in(folder: Path) -> Iterator[tuple[str, Opened, "Log"]]:
 
 
 def run_folders() -> Iterator[Path]:
-    """The folders in central's folder of journals in which runs lie, the last by name first."""
+    """The folders in central's folder of journals in which runs lie, the one that began last first."""
     folder = default_journals()
-    for path in reversed(listed(folder) if folder.is_dir() else []):
+    for path in reversed(by_number(listed(folder) if folder.is_dir() else [])):
         if path.is_dir() and segments_in(path):
             yield path
 
@@ -221,7 +221,7 @@ class Log:
         """The present on the run's clock, if its last entry was at *last* and more may come; None if it is over.
 
         It is reckoned from when the journal was last written to: a wall clock that was set since the run began, as on
-        a robot that learns the time late, does no harm.
+        a robot that learns the time late, does little harm.
         """
         if self._damage or not self.is_being_written:
             return None
@@ -229,7 +229,7 @@ class Log:
             silence = time.time() - self.segments()[-1].stat().st_mtime
         except (OSError, IndexError, UnusableLog):
             return None
-        return last + max(silence, 0.0)
+        return last + min(max(silence, 0.0), time.monotonic())  # its central has run since the machine was started
 
     @property
     def cut(self) -> str:

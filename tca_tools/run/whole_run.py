@@ -177,9 +177,9 @@ class Run(Reactions):
         """Those of some tasks, oldest first, that had been sent at *time*."""
         if time >= self.time:
             return children
-        return children[: bisect_right(children, time, key=self._sent)]
+        return children[: bisect_right(children, time, key=self.sent)]
 
-    def _sent(self, task: int) -> float:
+    def sent(self, task: int) -> float:
         """When a task was sent; of one that is unknown, before the journal began."""
         return self.tasks[task].received if task in self.tasks else -inf
 

@@ -50,7 +50,7 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
         if message is None:
             return None
         at = reading.at(moment)
-        told = [_sentence(one, at.moment) for one in story(run, message_id, at.moment)]
+        told = story(run, message_id, at.moment)
         answer = {
             "id": message.id,
             "name": message.name,
@@ -61,7 +61,7 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
             "result": data_text(message.was("result", at.moment)),
             "failureData": data_text(message.was("failure_data", at.moment)),
             **_failure_answer(run, message, at.moment),
-            "story": told[-_LONGEST_STORY:],
+            "story": [_sentence(one, at.moment) for one in told[-_LONGEST_STORY:]],
             "untold": max(len(told) - _LONGEST_STORY, 0),
         }
         if isinstance(message, Task):

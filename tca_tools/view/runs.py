@@ -17,7 +17,7 @@ from tca_tools.errors import UnusableLog
 from tca_tools.run.journals import Log, called, newest_journal, open_log
 from tca_tools.run.segments import Folder, listed, segments_in
 from tca_tools.view.reading import Reading
-from tca_wire.endpoint import default_journals
+from tca_wire.endpoint import by_number, default_journals
 
 _KEPT = 4
 """Runs that stay read, though nobody has asked for them for a while."""
@@ -198,7 +198,7 @@ class Runs:
         beside: list[Path] = []
         if self.follows or self._own.parent == journals.resolve():
             try:
-                beside = [path.resolve() for path in listed(journals) if path.is_dir() and segments_in(path)]
+                beside = [path.resolve() for path in by_number(listed(journals)) if path.is_dir() and segments_in(path)]
             except UnusableLog:
                 beside = []
         last_first = dict.fromkeys([*reversed(beside), *reversed(self._places)])

@@ -2,17 +2,22 @@
 
 from bisect import bisect_left
 from collections.abc import Iterator
+from math import inf
+from operator import attrgetter
 from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Exhausted, Handling, Retry, Task, TaskState
 from tca_tools.run.selection import lineage
 from tca_tools.run.whole_run import Run
+from tca_tools.why.overlapping import called_within
 from tca_wire.points import TaskId
 from tca_wire.text.facts_in_words import by_whom
 from tca_wire.text.measures import times
 from tca_wire.text.printable import first_line
 from tca_wire.vocabulary import Role
+
+_TIME = attrgetter("time")
 
 
 class Call(NamedTuple):
@@ -24,10 +29,16 @@ class Call(NamedTuple):
     text: str
 
 
-def calls(at: RunAt, task: Task) -> Iterator[Call]:
-    """The calls of exception handlers for the failures of a task, as known at a moment."""
+def calls(at: RunAt, task: Task, start: float = -inf, end: float = inf) -> Iterator[Call]:
+    """The calls of exception handlers for the failures of a task, as known at a moment: those from *start* to *end*."""
+    found = _calls(at, task, start, end)
+    return (call for call in found if start <= call.time < end)
+
+
+def _calls(at: RunAt, task: Task, start: float, end: float) -> Iterator[Call]:
     run = at.run
-    for one, number in enumerate(task.caught_by):
+    for number in called_within(run, task, start, end):
+        one = bisect_left(task.caught_by, number)
         if (handler := at.tasks.get(number)) is not None:
             record = run.tasks[number]
             runs = [handling for handling in record.handlings if handling.start <= at.moment]
@@ -39,8 +50,9 @@ def calls(at: RunAt, task: Task) -> Iterator[Call]:
         if number in run.left_open:
             how = "returned without dealing with the failure"
             yield Call(run.left_open[number], 2 * one + 1, f"{run.describe(number)} {how}")
-    for spent in run.exhausted.get(task.id, ()):
-        later = bisect_left([run.tasks[number].received for number in task.caught_by], spent.time)
+    spents = run.exhausted.get(task.id, [])
+    for spent in spents[bisect_left(spents, start, key=_TIME) : bisect_left(spents, end, key=_TIME)]:
+        later = bisect_left(task.caught_by, spent.time, key=run.sent)
         yield Call(spent.time, 2 * later, exhausted(spent))
 
 

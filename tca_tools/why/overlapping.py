@@ -1,12 +1,13 @@
 """Records of a task that has many, by when they go on: looking at one moment then costs no walk through all. Pure."""
 
 from collections.abc import Callable, Sequence
+from math import inf
 from typing import TypeVar
 
 from tca_tools.run.records import Task
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Overlaps
-from tca_wire.points import TaskId
+from tca_wire.points import END_ACHIEVING, TaskId
 
 _T = TypeVar("_T")
 _FEW = 16
@@ -15,13 +16,23 @@ _FEW = 16
 
 def children_within(run: Run, task: Task, moment: int, start: float, end: float) -> Sequence[TaskId]:
     """The tasks right under a task, but for some that were sent after *end* or had reached a moment by *start*."""
-    if len(task.children) <= _FEW:
-        return task.children
+    return _within(run, task.children, (task.id, moment), moment, start, end)
 
-    def span(child: TaskId) -> tuple[float, float]:
-        return run.tasks[child].received, run.tasks[child].time_of(moment)
 
-    return worked_out(run, (task.id, moment), lambda: Overlaps(task.children, span)).within(start, end)
+def called_within(run: Run, task: Task, start: float, end: float) -> Sequence[TaskId]:
+    """The exception handlers of a task, but for some that were called after *end* or had ended by *start*."""
+    return _within(run, task.caught_by, (called_within, task.id), END_ACHIEVING, start, end)
+
+
+def _within(run: Run, some: Sequence[TaskId], key: object, moment: int, start: float, end: float) -> Sequence[TaskId]:
+    if len(some) <= _FEW:
+        return some
+
+    def span(number: TaskId) -> tuple[float, float]:
+        known = run.tasks.get(number)
+        return run.sent(number), known.time_of(moment) if known else inf
+
+    return worked_out(run, key, lambda: Overlaps(some, span)).within(start, end)
 
 
 def has_many(task: Task) -> bool:

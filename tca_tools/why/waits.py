@@ -94,6 +94,12 @@ _START, _SINCE, _SPAN = attrgetter("start"), itemgetter(0), attrgetter("start", 
 def waits_of(run: Run, number: int) -> list[Wait]:
     """All that a task or message ever waited for, oldest first; nothing of what is unknown."""
     message = run.messages.get(number)
+    if isinstance(message, Task) and has_many(message):
+        return worked_out(run, (waits_of, number), lambda: _all_waits(run, message))
+    return _all_waits(run, message)
+
+
+def _all_waits(run: Run, message: Message | None) -> list[Wait]:
     found = list(_of_message(run, message)) if message else []
     if isinstance(message, Task):
         subtasks = [wait for one in (END_ACHIEVING, END_PLANNING) for wait in _subtasks(run, message, one)]

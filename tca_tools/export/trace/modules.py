@@ -129,8 +129,9 @@ def _run(
 def _failure(trace: Trace, handling: Handling) -> Details:
     """The failure that was raised when a handling ended."""
     message = trace.run.messages.get(handling.message_id)
-    texts = [text for time, text in message.became("failure") if time == handling.end] if message else []
-    return {"failure": texts[-1] if texts else None, "handled": has_coped(trace.run, handling)}
+    end = handling.until
+    failure = message.was("failure", end) if message and message.written("failure", end) == end else None
+    return {"failure": failure, "handled": has_coped(trace.run, handling)}
 
 
 def _waits(trace: Trace, around: TraceSpan, handling: Handling) -> list[tuple[TraceSpan, HandlerWait]]:
