@@ -136,7 +136,7 @@ def _click(path: Path) -> None:
         answers.causes_answer(reading, moment)
         for first in [1, 2, *(len(numbers) * part // _CLICKS for part in range(_CLICKS))]:
             chosen = numbers[first:][:30]
-            answers.message_answer(reading, chosen[0], moment)
+            answers.message_answer(reading, (chosen or numbers)[0], moment)
             answers.notes_answer(reading, chosen, moment)
 
 

@@ -23,9 +23,11 @@ from tca_central.shell.log_writer import Sync, is_written
 from tca_central.shell.recovery import unfinished
 from tca_central.shell.run_folder import RunFolder
 from tca_central.shell.server import LOST_AFTER, Daemon
-from tca_wire.endpoint import VARIABLE, default_endpoint, is_loopback, journal_link, new_journal
+from tca_wire.endpoint import VARIABLE, NoHome, default_endpoint, is_loopback, journal_link, new_journal
 from tca_wire.errors import KeyRefused
 from tca_wire.keys import keys_folder
+from tca_wire.release import release
+from tca_wire.standard_streams import replace_closed_streams
 from tca_wire.vocabulary import DISK_FULL
 
 log = logging.getLogger("tca.central")
@@ -100,6 +102,7 @@ def _link(link: Path, there: Path) -> None:
 
 
 def _log_lines(*, quiet: bool) -> None:
+    replace_closed_streams()
     lines = logging.StreamHandler()
     lines.setFormatter(LineFormatter("central: %(message)s"))
     lines.addFilter(LineLimit())
@@ -166,9 +169,7 @@ refused.")  # fmt: skip
     help="Who may do what, as TOML; read again when it changes [default: whoever gets in, everything].",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Say only what went wrong.")
-@click.version_option(
-    package_name="tca-central", prog_name="tca central", message=f"%(prog)s, version %(version)s, core: {CORE}"
-)
+@click.version_option(release(), prog_name="tca central", message=f"%(prog)s, version %(version)s, core: {CORE}")
 def central(  # noqa: PLR0913 - one for each option
     bind: str | None, journal: Path | None, sync: str, resume: tuple[str, ...], permissions: Path | None, *,
     if_fails: str, lost_after: int, memory: int, tap_depth: int, task_depth: int, no_journal: bool, no_inputs: bool,
@@ -203,7 +204,7 @@ def central(  # noqa: PLR0913 - one for each option
         log.info("no journal" if run is None else f"journal in {run.path}{run.history}")
         gc.freeze()  # what lasts as long as central need not be looked through each time
         server.serve()
-    except (CentralError, KeyRefused) as error:
+    except (CentralError, KeyRefused, NoHome) as error:
         raise (_NoRoom if isinstance(error, DiskFull) else click.ClickException)(str(error)) from None
     finally:
         if server is not None:

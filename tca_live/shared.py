@@ -14,6 +14,7 @@ from tca_module.errors import MisuseError, TcaError
 from tca_wire.endpoint import VARIABLE
 from tca_wire.errors import BadData, BadFormat
 from tca_wire.messages.notices import COMMANDS
+from tca_wire.text.bodies import json_text
 from tca_wire.text.printable import printable
 
 
@@ -66,7 +67,7 @@ def _plain_part(part: Any) -> Any:
 
 def as_json(value: Any) -> str:
     """A value as JSON for programs."""
-    return json.dumps(plain(value), indent=1)
+    return json_text(plain(value), indent=1)
 
 
 def as_text(value: Any) -> str:

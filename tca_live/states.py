@@ -1,6 +1,5 @@
 """What people ask of a running task, and hear of its state: ``tca update``, ``cancel`` and ``watch``."""
 
-import json
 from collections.abc import Iterable, Iterator
 from datetime import datetime
 from typing import Any
@@ -17,6 +16,7 @@ from tca_module.sending.task_ref import Change, TaskRef
 from tca_wire.life_cycles import Effect
 from tca_wire.messages.declarations import TaskMessage
 from tca_wire.messages.formats import MISSION_TASK, decode_untyped
+from tca_wire.text.bodies import json_text
 from tca_wire.text.facts_in_words import state_change
 from tca_wire.text.measures import counted
 from tca_wire.text.printable import printable
@@ -91,7 +91,7 @@ def watch(
     with talking("watch", central) as client:
         try:
             for change in _changes(client, what, states, under):
-                click.echo(json.dumps(plain(_row(change))) if in_json else _line(change))
+                click.echo(json_text(plain(_row(change))) if in_json else _line(change))
         except KeyboardInterrupt:
             return
 

@@ -183,7 +183,10 @@ def _words(place: str, command: str | list[str]) -> list[str]:
 
 def _path(folder: Path, name: str) -> Path:
     """A path of the file, seen from its folder."""
-    return folder / Path(name).expanduser()
+    try:
+        return folder / Path(name).expanduser()
+    except RuntimeError:
+        raise BadUserFile(f"{name}: there is no such home folder: write the whole path") from None
 
 
 def _environment(address: str, added: dict[str, str]) -> dict[str, str]:

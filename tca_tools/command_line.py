@@ -8,14 +8,18 @@ import io
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 from typing import Any, NoReturn
 
 import click
 from click.shell_completion import get_completion_class
+
+from tca_wire.endpoint import NoHome
+from tca_wire.release import release
+from tca_wire.standard_streams import replace_closed_streams
 
 COMMANDS = "tca.commands"
 _GROUPS = {
@@ -79,6 +83,8 @@ class CommandLine(click.Group):
         if not args[0].startswith("-") and self.get_command(ctx, args[0]) is None and not ctx.resilient_parsing:
             nearest = get_close_matches(args[0], self.list_commands(ctx), n=1)
             advice = f"did you mean '{nearest[0]}'?" if nearest else f"'{ctx.command_path} --help' lists them"
+            if not entry_points(group=COMMANDS):
+                advice = "tca is not installed: 'pip install .' in its folder installs it"
             raise click.UsageError(f"no command '{args[0]}': {advice}", ctx)
         return super().resolve_command(ctx, args)
 
@@ -92,11 +98,6 @@ class CommandLine(click.Group):
         except BrokenPipeError:
             _discard_output()
             ctx.exit(_NOBODY_READS)
-        except OSError as error:
-            if error.errno not in (errno.ENOSPC, errno.EFBIG, errno.EIO) or error.filename is not None:
-                raise
-            _discard_output()
-            raise click.ClickException(f"the output can't be written: {error.strerror}: make room") from None
         return result
 
     def main(
@@ -108,10 +109,10 @@ class CommandLine(click.Group):
         **extra: Any,
     ) -> Any:
         """Run from the command line, and end the program (unless *standalone_mode* is off)."""
-        if sys.stdout is None:  # it was closed: who does that wants no output
-            sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - for as long as the program runs
+        replace_closed_streams()
         try:
-            result = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
+            with _explained():
+                result = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
         except click.Abort:
             sys.exit(_INTERRUPTED)
         except click.ClickException as error:
@@ -124,7 +125,7 @@ class CommandLine(click.Group):
 
 
 @click.group(cls=CommandLine, epilog="'tca completion --help' tells how the shell completes these commands.")
-@click.version_option(package_name="tca-central", prog_name="tca")
+@click.version_option(release(), prog_name="tca")
 def main() -> None:
     """Task Control Architecture: run, watch and understand robots of many programs."""
 
@@ -164,11 +165,26 @@ def _broken(name: str, why: str) -> click.Command:
     return broken
 
 
+@contextmanager
+def _explained() -> Iterator[None]:
+    """A line for what any command may meet: output that can't be written, or a user without a home folder."""
+    try:
+        yield
+    except NoHome as error:
+        raise click.ClickException(str(error)) from None
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EFBIG, errno.EIO) or error.filename is not None:
+            raise
+        _discard_output()
+        raise click.ClickException(f"the output can't be written: {error.strerror}: make room") from None
+
+
 def _complain(error: click.ClickException) -> NoReturn:
     text = error.format_message()
     if not text.startswith("Usage:"):  # a command without its arguments shows its help
         text = f"tca: {_advised(error, ' '.join(text.split()))}"
-    click.echo(text, err=True)
+    with suppress(OSError):  # nor may that be written
+        click.echo(text, err=True)
     sys.exit(error.exit_code)
 
 

@@ -24,9 +24,22 @@ def default_endpoint() -> str:
     return os.environ.get(VARIABLE) or f"ipc://{default_folder() / 'central.sock'}"
 
 
+class NoHome(RuntimeError):
+    """The user has no home folder, and the variable that names another folder is not set."""
+
+
+def home(instead: str) -> Path:
+    """The user's home folder. Raises NoHome, which names the variable that can be set *instead*."""
+    try:
+        return Path.home()
+    except RuntimeError:
+        msg = f"the user {os.getuid()} has no home folder: set HOME, or {instead} to a folder"
+        raise NoHome(msg) from None
+
+
 def default_journals() -> Path:
     """The folder that holds a journal per run: ``$XDG_STATE_HOME/tca/journals``, or below ``~/.local/state``."""
-    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    state = os.environ.get("XDG_STATE_HOME") or home("XDG_STATE_HOME") / ".local" / "state"
     return Path(state) / "tca" / "journals"
 
 

@@ -11,6 +11,7 @@ import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
+from tca_wire.endpoint import home
 from tca_wire.errors import KeyRefused
 
 VARIABLE = "TCA_KEY"
@@ -43,8 +44,8 @@ def keys_folder() -> Path:
     """The folder of keys: ``$TCA_KEYS``, or ``tca/keys`` in ``$XDG_CONFIG_HOME`` or ``~/.config``. It may not exist."""
     if named := os.environ.get(FOLDER_VARIABLE):
         return Path(named)
-    config = os.environ.get("XDG_CONFIG_HOME")
-    return (Path(config) if config else Path.home() / ".config") / "tca" / "keys"
+    config = os.environ.get("XDG_CONFIG_HOME") or home(FOLDER_VARIABLE) / ".config"
+    return Path(config) / "tca" / "keys"
 
 
 def check_name(name: str) -> None:

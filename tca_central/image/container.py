@@ -9,14 +9,13 @@ values, each after those that it holds. A column of references holds such number
 
 import struct
 import zlib
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
 
 import msgspec
 
 from tca_central.errors import ImageError
 from tca_central.image.layout import FORMAT
+from tca_wire.release import release
 
 _WORDS = b"tca image "
 _CHECK = struct.Struct(">QI")
@@ -49,7 +48,7 @@ class ClassTable(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
 def seal(tables: list[ClassTable]) -> bytes:
     """An image with these tables."""
     content = msgspec.msgpack.encode(tables)
-    title = b"%s%d of %s\n" % (_WORDS, FORMAT, _version().encode())
+    title = b"%s%d of %s\n" % (_WORDS, FORMAT, release().encode())
     return title + _CHECK.pack(len(content), zlib.crc32(content)) + content
 
 
@@ -61,7 +60,7 @@ def unseal(data: bytes) -> list[ClassTable]:
     told = title[len(_WORDS) :].decode("ascii", "replace")
     if told.partition(" ")[0] != str(FORMAT):
         raise ImageError(
-            f"an image of format {told!r}, and this is tca {_version()}, which reads format {FORMAT}: start the other "
+            f"an image of format {told!r}, and this is tca {release()}, which reads format {FORMAT}: start the other "
             "version, or go on without the image"
         )
     start = len(title) + 1 + _CHECK.size
@@ -112,11 +111,3 @@ def _read_long(code: int, data: memoryview) -> int:
     if code != _LONG:
         raise ValueError(f"extension {code} in an image")
     return int.from_bytes(data, "big", signed=True)
-
-
-@cache
-def _version() -> str:
-    try:
-        return version("tca-central")
-    except PackageNotFoundError:
-        return "unknown"

@@ -1,5 +1,6 @@
 """``tca keys``: makes, lists and revokes the keys of those who may connect over a network."""
 
+import shlex
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -107,9 +108,11 @@ def revoke(folder: Path, name: str) -> None:
     path = allowed_folder(folder) / f"{name}{PUBLIC}"
     if not path.exists():
         raise KeyRefused(f"no key '{name}' is allowed: 'tca keys list' shows those that are")
+    public = path.read_text().strip()
     path.unlink()
-    (folder / f"{name}{SUFFIX}").unlink(missing_ok=True)
-    click.echo(f"'{name}' is let in no more")
+    click.echo(f"'{name}' is let in no more; 'tca keys allow {name} {shlex.quote(public)}' lets it in again")
+    if (secret := folder / f"{name}{SUFFIX}").exists():
+        click.echo(f"its key stays in {secret}: remove that file before you make another key for '{name}'")
 
 
 @keys.command()

@@ -2,8 +2,6 @@
 
 import logging
 import os
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from secrets import token_hex
 from typing import Protocol
@@ -17,10 +15,9 @@ from tca_central.shell.log_writer import Sync, lock_folder, numbers
 from tca_central.shell.recovery import UnfinishedRun, recover, unfinished
 from tca_central.shell.run_log import RunLog
 from tca_wire.journal.records import SEGMENT_SUFFIX
+from tca_wire.release import release
 
 log = logging.getLogger("tca.central")
-
-_version = cache(version)
 
 
 class Recorder(Protocol):
@@ -65,17 +62,17 @@ class RunFolder:
     def open(self, server: Recorder, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False) -> None:
         """Let a server write there; a run that goes on does so now. Raises CentralError."""
         run, central = self.run, self.central
-        epoch, release = central.epoch, _version("tca-central")
+        epoch, version = central.epoch, release()
         inputs = None
         if keeps_inputs:
             inputs = InputLog(
-                self.path, epoch=epoch, version=release, sync=sync, clock=central.clock.now if run is not None else None
+                self.path, epoch=epoch, version=version, sync=sync, clock=central.clock.now if run is not None else None
             )
             sync = Sync.BATCH if sync is Sync.ALWAYS else sync  # the inputs lead to the same facts again
         if run is None:
-            server.log = RunLog(self.path, JournalWriter(self.path, epoch=epoch, version=release, sync=sync), inputs)
+            server.log = RunLog(self.path, JournalWriter(self.path, epoch=epoch, version=version, sync=sync), inputs)
             return
-        journal = JournalWriter(self.path, epoch=epoch, version=release, sync=sync, after=run.opened, entry=run.last)
+        journal = JournalWriter(self.path, epoch=epoch, version=version, sync=sync, after=run.opened, entry=run.last)
         for entry in run.missing:
             journal.add(entry)
         if inputs is not None:

@@ -3,13 +3,14 @@
 import inspect
 import keyword
 import re
+from ast import literal_eval
 from collections.abc import Iterable, Iterator
 
 from tca_missions.client.offered_task import OfferedTask, TaskParameter
 
 MADE_BY = "Made by 'tca console --stub'"
 
-_HEAD = '''"""The tasks of server '{server}', for editors and type checkers. {made_by}.
+_HEAD = '''"""The tasks of server '{title}', for editors and type checkers. {made_by}.
 
 Make it anew when they change.
 """
@@ -27,7 +28,7 @@ else:
 
 
 class {name}(Base):
-    """A mission with the tasks of server '{server}'."""
+    """A mission with the tasks of server '{title}'."""
 
     SERVER = {server!r}
 
@@ -48,9 +49,23 @@ _TASK = '''
 
 def stub_text(server: str, tasks: Iterable[OfferedTask]) -> str:
     """The text of the file: a subclass of Mission with a typed method for each task."""
-    parts = [_HEAD.format(server=server, made_by=MADE_BY, name=class_name(server))]
-    parts += [_method(task) for task in sorted(tasks, key=lambda task: task.name) if task.name.isidentifier()]
+    parts = [
+        _HEAD.format(
+            title=_in_docstring(server.replace("\n", " ")), server=server, made_by=MADE_BY, name=class_name(server)
+        )
+    ]
+    parts += [_method(task) for task in sorted(tasks, key=lambda task: task.name) if _is_name(task.name)]
     return "".join(parts)
+
+
+def _is_name(text: str) -> bool:
+    return text.isidentifier() and not keyword.iskeyword(text)
+
+
+def _in_docstring(text: str) -> str:
+    """A text as it can stand between three quotes."""
+    text = text.replace("\\", "\\\\").replace('"""', "'''").replace("\r", "\\r").replace("\0", "\\0")
+    return f"{text} " if text.endswith('"') else text
 
 
 def class_name(server: str) -> str:
@@ -66,7 +81,7 @@ def _method(task: OfferedTask) -> str:
     waits, goes_on = "Literal[True] = True", "Literal[False]"
     if not task.runs_in_foreground:
         waits, goes_on = "Literal[True]", "Literal[False] = False"
-    text = task.in_words.replace("\\", "\\\\").replace('"""', "'''").replace("\n", "\n            ")
+    text = _in_docstring(task.in_words).replace("\n", "\n            ")
     return _TASK.format(
         name=task.name, help=re.sub(r"[ \t]+$", "", text, flags=re.MULTILINE), waits=parameters(waits),
         goes_on=parameters(goes_on), either=parameters("bool"),
@@ -77,10 +92,22 @@ def _parameters(task: OfferedTask, foreground: str) -> Iterator[str]:
     for one in task.parameters:
         if one.name == "foreground":
             yield f"foreground: {foreground}"
-        elif one.name.isidentifier() and not keyword.iskeyword(one.name):
+        elif _is_name(one.name):
             yield f"{one.name}: {_annotation(one)}"
 
 
 def _annotation(parameter: TaskParameter) -> str:
     kind = inspect.formatannotation(parameter.type)
-    return kind if parameter.default is inspect.Parameter.empty else f"{kind} = {parameter.default!r}"
+    if parameter.default is inspect.Parameter.empty:
+        return kind
+    default = repr(parameter.default)
+    return f"{kind} = {default if _is_literal(default) else '...'}"
+
+
+def _is_literal(text: str) -> bool:
+    """Whether a text is a value in Python; not that of ``nan``, which a format may have as a default."""
+    try:
+        literal_eval(text)
+    except (ValueError, SyntaxError):
+        return False
+    return True

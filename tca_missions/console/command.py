@@ -52,7 +52,12 @@ def _shell() -> Callable[[ConsoleNames], None]:
 
 
 def _write(file: Path, text: str) -> None:
-    if file.exists() and MADE_BY not in file.read_text(errors="replace"):
-        raise click.UsageError(f"{file} was not made by --stub: remove it, or give another name")
-    file.write_text(text)
+    try:
+        if file.exists() and MADE_BY not in file.read_text(errors="replace"):
+            raise click.UsageError(f"{file} was not made by --stub: remove it, or give another name")
+        unfinished = file.with_name(f"{file.name}.part")
+        unfinished.write_text(text)
+        unfinished.replace(file)
+    except OSError as error:
+        raise click.ClickException(f"{file}: can't be written: {error.strerror}: give another name") from None
     click.echo(f"wrote {file}")

@@ -1,6 +1,5 @@
 """``tca export``: a run as a file, or a folder of files, for other tools."""
 
-import json
 from collections.abc import Callable
 from importlib import import_module
 from itertools import count, islice
@@ -19,6 +18,7 @@ from tca_tools.run.fold import folded
 from tca_tools.run.journals import Log, open_log
 from tca_tools.run.whole_run import Run
 from tca_wire.journal.records import SEGMENT_SUFFIX
+from tca_wire.text.bodies import json_text
 from tca_wire.text.missing import missing_package
 from tca_wire.text.printable import printable
 
@@ -54,7 +54,7 @@ def _mcap(journal: Log, output: Path) -> None:
 def _json_lines(journal: Log, output: Path) -> None:
     with new_file(output) as stream:
         for entry in journal:
-            stream.writelines(json.dumps(fact_row(entry, fact)).encode() + b"\n" for fact in entry.facts)
+            stream.writelines(json_text(fact_row(entry, fact)).encode() + b"\n" for fact in entry.facts)
 
 
 def _csv(journal: Log, output: Path) -> None:

@@ -5,7 +5,6 @@ Times are seconds on the journal's clock. None is what is not known, has not hap
 
 import csv
 import io
-import json
 from collections.abc import Callable, Iterator
 from enum import StrEnum
 from itertools import chain, pairwise
@@ -19,7 +18,7 @@ from tca_tools.run.whole_run import Run
 from tca_tools.why.wait import Wait
 from tca_tools.why.waits import of_handler_wait, waits_of
 from tca_wire.points import MOMENTS, describe_moments
-from tca_wire.text.bodies import plain_data
+from tca_wire.text.bodies import json_text, plain_data
 from tca_wire.vocabulary import Outcome
 from tca_wire.waits import WaitKind
 
@@ -155,7 +154,7 @@ def _claims(run: Run) -> Iterator[TableRow]:
 
 def _json(body: bytes) -> str | None:
     data = plain_data(body)
-    return None if data is None else json.dumps(data)
+    return None if data is None else json_text(data)
 
 
 TABLES = (

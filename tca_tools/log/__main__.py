@@ -1,6 +1,5 @@
 """``tca log``: a journal as text, one line a fact; which runs there are, and the removal of old ones."""
 
-import json
 from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime
 from itertools import islice
@@ -18,7 +17,7 @@ from tca_tools.run.selection import no_task
 from tca_tools.terminal import columns_of, cut, line_width, padded
 from tca_wire.endpoint import default_journals
 from tca_wire.journal.facts import Delivered, Entry, Fact, Queued, Received, kind_of
-from tca_wire.text.bodies import data_text
+from tca_wire.text.bodies import data_text, json_text
 from tca_wire.text.facts_in_words import Wording
 from tca_wire.text.measures import counted, size
 from tca_wire.text.printable import printable
@@ -135,7 +134,7 @@ def _json_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> 
     """Each wanted fact as a JSON object."""
     for entry in entries:
         for fact in filter(is_wanted, entry.facts):
-            yield json.dumps(fact_row(entry, fact))
+            yield json_text(fact_row(entry, fact))
 
 
 def _text_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:

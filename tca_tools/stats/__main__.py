@@ -1,6 +1,5 @@
 """``tca stats``: how many messages, how long they took, how busy the resources were."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from tca_tools.run.journals import open_log
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times, measure
 from tca_tools.stats.text import stats_lines
 from tca_tools.terminal import line_width
+from tca_wire.text.bodies import json_text
 from tca_wire.text.printable import printable
 
 SORTS: dict[str, Callable[[MessageStats], float]] = {
@@ -65,7 +65,7 @@ def stats(log_path: Path | None, start: float | None, end: float | None, sort: s
     if sort != "name":
         measured.messages.sort(key=SORTS[sort], reverse=True)
     if as_json:
-        click.echo(json.dumps(_plain(journal.name, measured)))
+        click.echo(json_text(_plain(journal.name, measured)))
     else:
         click.echo("\n".join(stats_lines(printable(journal.name), measured, line_width())))
     journal.check()

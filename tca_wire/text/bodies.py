@@ -23,6 +23,14 @@ def plain_data(body: bytes) -> Any:
         return {"undecodable": f"{len(body)} bytes: {error}"}
 
 
+def json_text(value: Any, *, indent: int | None = None) -> str:
+    """A value as JSON that every program reads: what is no number, or infinite, is the text ``nan`` or ``inf``."""
+    try:
+        return json.dumps(value, indent=indent, allow_nan=False)
+    except ValueError:
+        return json.dumps(_plain(value, 0), indent=indent)
+
+
 def data_text(body: bytes) -> str:
     """The content of *body* on one line, safe for a terminal; "" for nothing. Very long data is cut."""
     data = plain_data(body)
