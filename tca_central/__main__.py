@@ -25,7 +25,6 @@ from tca_central.shell.run_folder import RunFolder
 from tca_central.shell.server import LOST_AFTER, Daemon
 from tca_wire.endpoint import VARIABLE, NoHome, default_endpoint, is_loopback, journal_link, new_journal
 from tca_wire.errors import KeyRefused
-from tca_wire.keys import keys_folder
 from tca_wire.release import release
 from tca_wire.standard_streams import replace_closed_streams
 from tca_wire.vocabulary import DISK_FULL
@@ -57,7 +56,7 @@ def _unfinished_at(address: str, *, is_fresh: bool, accept: bool) -> Path | None
         there = journal_link(address).readlink()
         is_left = not is_fresh and there.is_dir() and not is_written(there)
         is_open = is_left and bool(unfinished(there, accept=accept))
-    except OSError:
+    except (OSError, NoHome):
         return None
     return there if is_open else None
 
@@ -83,8 +82,8 @@ def _tell_where(address: str, journal: Path | None, *, is_named: bool) -> None:
     """Let tools that look at the central of an address find its journal, or none, where it keeps none; and those that
     are to show the newest run one that was *named*.
     """
-    link = journal_link(address)
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, NoHome):
+        link = journal_link(address)
         if journal is not None and is_named:
             _link(new_journal(), journal.resolve())
         link.unlink(missing_ok=True)
@@ -188,7 +187,7 @@ def central(  # noqa: PLR0913 - one for each option
             accept = "facts" in resume
             folder = journal or _unfinished_at(endpoint, is_fresh=is_fresh, accept=accept) or new_journal()
             run = RunFolder(folder, is_fresh=is_fresh, accept=accept)
-        gate = gate_for(endpoint, keys_folder(), permissions, insecure=insecure)
+        gate = gate_for(endpoint, permissions, insecure=insecure)
         known = Central(token_hex(8)) if run is None else run.central
         server = Daemon(
             known, endpoint, lost_after=lost_after, gate=gate, memory=memory, tap_depth=tap_depth, task_depth=task_depth

@@ -21,6 +21,7 @@ from tca_central.shell.allowed_keys import AllowedKeys, own_pair
 from tca_central.shell.authenticator import Authenticator, KeyPair, guard
 from tca_central.shell.log_limit import LogLimit
 from tca_central.shell.permissions_file import PermissionsFile, users_in
+from tca_wire.keys import keys_folder
 
 log = logging.getLogger("tca.central")
 
@@ -199,9 +200,9 @@ def _said_of(frame: zmq.Frame, what: str) -> str:
         return ""
 
 
-def gate_for(endpoint: str, keys: Path, permissions: Path | None = None, *, insecure: bool) -> Gate:
-    """The gate for an address; *insecure*: TCP without keys. Raises KeyRefused, CentralError."""
+def gate_for(endpoint: str, permissions: Path | None = None, *, insecure: bool) -> Gate:
+    """The gate for an address; *insecure*: TCP without keys. Raises KeyRefused, CentralError, NoHome."""
     file = PermissionsFile(permissions) if permissions is not None else None
     if not endpoint.startswith("tcp://"):
         return Gate(file, Path(endpoint.removeprefix("ipc://")))
-    return OpenGate(file) if insecure else KeyGate(keys, file)
+    return OpenGate(file) if insecure else KeyGate(keys_folder(), file)

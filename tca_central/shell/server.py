@@ -107,7 +107,7 @@ class Daemon:
         self._next_pulse, self._next_beat, self._next_sweep = PULSE_PERIOD, BEAT_PERIOD, SWEEP_PERIOD
         self._lost_after = lost_after
         self._pulses = Pulses(lost_after)
-        self._gate = gate or gate_for(endpoint, Path(), insecure=True)
+        self._gate = gate or gate_for(endpoint, insecure=True)
         self._lock = _lock_of(endpoint)
         self._context = zmq.Context()
         self._has_lost = False  #: a connection has closed, and it is not known which

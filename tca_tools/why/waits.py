@@ -262,12 +262,12 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
     known = [run.tasks[number] for number in task.deciders if number in run.tasks]
     ends = {one.id: later.received for one, later in pairwise(known)}
     spans = {one.id: (one.received, min(ends.get(one.id, inf), one.time_of(END_ACHIEVING))) for one in called}
-    deciding = Overlaps(called, lambda handler: spans[handler.id])
+    deciding = Overlaps(called, lambda handler: spans[handler.id]) if called else None
     for since, over, state in task.spans():
         if state is TaskState.RECOVERING:
-            if not called:  # the journal begins later
+            if deciding is None:  # the journal begins later
                 yield Wait(since, over, WaitKind.RECOVERY, Node(0), _ENDS)
-            for handler in deciding.within(since, over):
+            for handler in deciding.within(since, over) if deciding is not None else ():
                 start, end = spans[handler.id]
                 on = Node(handler.id, END_ACHIEVING)
                 yield Wait(max(since, start), min(over, end), WaitKind.RECOVERY, on, _ENDS)

@@ -1,0 +1,58 @@
+"""What the tools do for a run grows as its journal does: lines of ours that are executed are counted, not seconds."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from benchmarks.long_runs import SHAPES, TOOLS, make
+
+SIZES = 1, 60, 120, 240
+TRACED = [
+    "tree --all", "gantt svg", "report", "replay --text", "check", "stats", "view", "export csv", "export mcap",
+    "export perfetto",
+]  # fmt: skip
+
+
+def lines_of(tool: Callable[[], object]) -> int:
+    """How many lines of our packages it executes."""
+    count = 0
+
+    def line(_frame: FrameType, event: str, _: Any) -> Any:
+        nonlocal count
+        count += event == "line"
+        return line
+
+    def call(frame: FrameType, _event: str, _: Any) -> Any:
+        return line if "/tca_" in frame.f_code.co_filename else None
+
+    sys.settrace(call)
+    try:
+        tool()
+    finally:
+        sys.settrace(None)
+    return count
+
+
+@pytest.fixture(scope="module")
+def journals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
+    folder = tmp_path_factory.mktemp("journals")
+    made: dict[str, list[Path]] = {shape: [folder / f"{shape}{size}.tcaj" for size in SIZES] for shape in SHAPES}
+    for shape, paths in made.items():
+        for size, path in zip(SIZES, paths, strict=True):
+            make(shape, size, path)
+    return made
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("tool", TRACED)
+def test_work_grows_as_the_journal(journals: dict[str, list[Path]], shape: str, tool: str) -> None:
+    warm, *paths = journals[shape]
+    TOOLS[tool](warm)  # imports, and what is kept
+    few, twice, most = (lines_of(lambda path=path: TOOLS[tool](path)) for path in paths)
+    linear = max(twice - few, few // 4)
+    print(shape, tool, few, twice, most, f"{(most - twice) / linear:.2f}")
+    assert most - twice <= 2.6 * linear  # it is 2 if all is linear, 4 if all is quadratic
