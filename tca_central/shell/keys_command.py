@@ -62,7 +62,11 @@ def new(folder: Path, name: str, central: str | None) -> None:
         raise KeyRefused(f"'{name}' has a key: choose another name, or 'tca keys revoke {name}' first")
     pair, path = new_pair(), folder / f"{name}{SUFFIX}"
     text = f"# The key of '{name}'. Secret: who has it is '{name}'.\nname = \"{name}\"\npublic = \"{pair.public}\"\n"
-    write_new(path, f'{text}secret = "{pair.secret}"\ncentral = "{central or own_pair(folder).public}"\n')
+    write_new(
+        path,
+        f'{text}secret = "{pair.secret}"\ncentral = "{central or own_pair(folder).public}"\n',
+        "choose another name, or remove that file of a revoked key",
+    )
     click.echo(str(path))
     if central is None:
         _allow(folder, name, pair.public)

@@ -55,7 +55,7 @@ def stub_text(server: str, tasks: Iterable[OfferedTask]) -> str:
         )
     ]
     parts += [_method(task) for task in sorted(tasks, key=lambda task: task.name) if _is_name(task.name)]
-    return "".join(parts)
+    return "".join(parts if len(parts) > 1 else [*parts, "        pass\n"])
 
 
 def _is_name(text: str) -> bool:

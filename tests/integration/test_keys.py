@@ -157,6 +157,16 @@ def test_an_authenticator_that_lets_strangers_in_is_found_out(folder: Path, monk
         RealCentral(TCP, gate=KeyGate(folder))
 
 
+def test_revoke_keeps_the_secret_and_says_where_it_is(folder: Path) -> None:
+    secret = read_client_key(folder / "arm.key")
+    told = said("revoke", "arm")
+    assert str(folder / "arm.key") in told
+    assert read_client_key(folder / "arm.key") == secret
+    assert "remove that file" in said("new", "arm", code=1)
+    said("allow", "arm", secret.public)
+    assert secret.public in said("list")
+
+
 def test_a_revoked_key_is_cut_off_at_once(keyed: RealCentral, folder: Path, as_key: Callable[[str], None]) -> None:
     as_key("user")
     user = connect("user", keyed.address)

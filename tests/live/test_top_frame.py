@@ -1,12 +1,15 @@
 """What ``tca top`` makes of central's answers: rates, order, what fits the terminal."""
 
 import io
+import json
+import math
 import re
 from typing import Any
 
 import msgspec
 import pytest
 
+from tca_live.shared import as_json
 from tca_live.top_frame import frame, plain_frame
 from tca_wire.points import Moment
 from tca_wire.waits import Waiter, WaitFor, WaitKind
@@ -216,3 +219,8 @@ def test_the_fullest_part_of_the_memory_is_shown_and_what_was_refused() -> None:
     assert frame(told).memory == "memory 5 MiB"
     told |= {"memory": {"messages": (200 << 20, 256 << 20), "answers": (40 << 20, 64 << 20)}, "overloads": 1200}
     assert frame(told).memory == "memory 240 MiB, messages 200 MiB of 256 MiB, 1,200 refused or dropped for want of it"
+
+
+def test_json_for_programs_has_no_nan() -> None:
+    told = as_json({"x": [math.nan, -math.inf, 1.5], math.inf: {"deep": (math.nan,)}})
+    assert json.loads(told, parse_constant=pytest.fail) == {"x": ["nan", "-inf", 1.5], "inf": {"deep": ["nan"]}}

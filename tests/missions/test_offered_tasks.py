@@ -45,3 +45,18 @@ def test_a_task_with_any_parameters_can_be_shown(fields: dict[str, Any]) -> None
     assert isinstance(task.signature, inspect.Signature)
     assert task.in_words
     compile(stub_text("rover", [task]), "rover_tasks.py", "exec")
+
+
+@pytest.mark.parametrize("name", ["import", "Drive", "None"])
+@pytest.mark.parametrize("text", ['says "far"', "ends with \\", 'in """ quotes', "two\nlines"])
+def test_stub_is_python_whatever_a_server_calls_its_tasks(name: str, text: str) -> None:
+    shown = {"server": text, "task": name, "help": text, "parameters": ["x"]}
+    schema = {MISSION_TASK: shown, "properties": {"x": {"type": "number", "default": float("nan")}}}
+    names: dict[str, Any] = {}
+    (task,) = offered_tasks([formatted(schema)])
+    stub = (
+        stub_text(text, [task]).replace("if TYPE_CHECKING:", "if True:").replace("import BaseMission", "import Mission")
+    )
+    exec(compile(stub, "tasks.py", "exec"), names)
+    (made,) = (one for key, one in names.items() if key.endswith("Mission") and getattr(one, "SERVER", None) == text)
+    assert hasattr(made, name) is (name == "Drive")

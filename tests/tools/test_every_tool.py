@@ -127,6 +127,23 @@ def test_who_closed_the_output_wants_none(run: Path, command: str) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("command", "code"), [("log show", 0), ("central --bind", 2)])
+def test_closed_stderr_harms_no_command(run: Path, command: str, code: int) -> None:
+    done = process(*command.split(), run, stdout=subprocess.PIPE, preexec_fn=lambda: os.close(2))
+    assert (done.returncode, done.stderr) == (code, "")
+    assert "Traceback" not in done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_full_output_is_told_in_a_line(option: str) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = process(option, stdout=full)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert done.stderr.startswith("tca: the output can't be written")
+
+
 @pytest.mark.parametrize(("command", "name"), TO_FILES[2:])
 def test_a_file_that_finds_no_room_leaves_what_was_there(
     tca: Tca, run: Path, tmp_path: Path, command: str, name: str

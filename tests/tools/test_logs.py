@@ -14,9 +14,9 @@ from tools.runs import walk
 from tools.story import Story, walking
 
 from tca_tools.errors import DamagedLog, UnusableLog
-from tca_tools.run.journals import Log, open_log
+from tca_tools.run.journals import Log, open_log, run_folders
 from tca_tools.view.reading import Reading
-from tca_wire.endpoint import default_journals
+from tca_wire.endpoint import NoHome, default_journals, is_loopback, new_journal, run_number
 from tca_wire.journal import facts
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry
 from tca_wire.journal.records import JournalReader, record
@@ -45,6 +45,34 @@ def test_without_a_path_the_newest_run_is_read(tmp_path: Path, monkeypatch: pyte
         walking().write(tmp_path / "tca" / "journals" / name)
     (tmp_path / "tca" / "journals" / "20250103-000000").mkdir()  # a run that wrote nothing
     assert open_log(None).name == "20250102-080000"
+
+
+def test_newest_run_is_that_of_the_last_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    first = new_journal()
+    walking().write(first)
+    second = new_journal()
+    second = walking().write(second.with_name(f"{second.name[:7]}1970-01-01T00-00-09-1"))  # its clock has no battery
+    assert open_log(None).path == second
+    assert list(run_folders()) == [second, first]
+    assert run_number(new_journal()) == 3
+
+
+def test_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("HOME", "XDG_STATE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("os.getuid", lambda: 999_999)
+    with pytest.raises(NoHome, match="XDG_STATE_HOME"):
+        default_journals()
+
+
+@pytest.mark.parametrize(
+    ("address", "expected"),
+    [("tcp://127.0.0.1:5", True), ("tcp://127.9.9.9:*", True), ("tcp://localhost:5", True), ("tcp://[::1]:5", True),
+     ("tcp://127.0.0.1.evil.com:5", False), ("tcp://localhost.evil.com:5", False), ("tcp://0.0.0.0:5", False)],
+)  # fmt: skip
+def test_loopback_is_judged_by_the_whole_host(address: str, *, expected: bool) -> None:
+    assert is_loopback(address) is expected
 
 
 def test_no_journal_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -95,6 +95,13 @@ def test_a_robot_that_learns_the_time_late_keeps_what_came_last(tca: Tca, tmp_pa
     assert len(left(folder)) == 4
 
 
+def test_a_later_number_is_kept_whatever_its_clock_said(tca: Tca, tmp_path: Path) -> None:
+    for name, ended in (("000001-2026", 40), ("000002-2026", 2), ("000003-1970", 20000)):
+        run(tmp_path / name, name, 1, ended=ended)
+    tca("log", "prune", tmp_path, "--keep", "7d")
+    assert sorted({Path(name).parts[0] for name in left(tmp_path)}) == ["000002-2026", "000003-1970"]
+
+
 def test_folders_of_runs_go_and_the_folder_that_was_named_stays(
     tca: Tca, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
