@@ -107,7 +107,8 @@ class WatchingServices(ObservingServices):
         of: Message[Any, Any] | TaskRef | None = None, maximum: int | None = None,
     ) -> AttachmentRef:  # fmt: skip
         """Let *handler* handle *failure* (None: any) of all tasks of a message, of one task and those below it, or
-        (of=None) of all tasks, at most *maximum* times for each task it is attached to (None: any number).
+        (of=None) of all tasks, at most *maximum* times for each task it is attached to (None: any number, but its retry
+        of a task that has been handled 100 times is refused, and the search continues further out).
 
         The search goes from the failing task up: on each task its own exception handlers come first, then those of its
         message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). The same pair attached again
