@@ -67,8 +67,10 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
         if isinstance(message, Task):
             links = failure_chain(run, TaskId(message.id), at.moment)
             answer["chain"] = [
-                {"time": link.time, "depth": link.depth, "text": failure_line(link.text)} for link in links
+                {"time": link.time, "depth": link.depth, "text": failure_line(link.text)}
+                for link in links[-_LONGEST_STORY:]
             ]
+            answer["unlinked"] = max(len(links) - _LONGEST_STORY, 0)
         if isinstance(message, Task) and message.received <= at.moment:
             answer |= _task_answer(at, at.tasks[message.id]) | machine_answer(at, at.tasks[message.id])
         return answer

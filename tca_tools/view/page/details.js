@@ -63,6 +63,7 @@ export class Details {
     }
     if (!about.chain?.length) return;
     yield element("h3", { text: "its failure, step by step" });
+    if (about.unlinked) yield element("p", { class: "faint", text: `… ${about.unlinked} steps before these` });
     yield element("table", { id: "chain" }, ...about.chain.map((step) => this.#step(step)));
   }
 
