@@ -84,7 +84,7 @@ class CommandLine(click.Group):
             nearest = get_close_matches(args[0], self.list_commands(ctx), n=1)
             advice = f"did you mean '{nearest[0]}'?" if nearest else f"'{ctx.command_path} --help' lists them"
             if not entry_points(group=COMMANDS):
-                advice = "tca is not installed: 'pip install .' in its folder installs it"
+                advice = "tca is not installed: install its folder with pip"
             raise click.UsageError(f"no command '{args[0]}': {advice}", ctx)
         return super().resolve_command(ctx, args)
 

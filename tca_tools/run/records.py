@@ -8,11 +8,11 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from itertools import pairwise
 from math import inf
 from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple, Self, TypeVar
 
+from tca_tools.run.overwriting import Changes, Overwritten
 from tca_wire.constraints import Constraint
 from tca_wire.journal.facts import TapAdded
 from tca_wire.life_cycles import Effect
@@ -297,9 +297,6 @@ class LifeChange(NamedTuple):
         return state_change(self.transition, "" if stays else self.state, self.module, self.text)
 
 
-Change = tuple[float, str, Any]
-
-
 @dataclass(slots=True)
 class Hold:
     """A constraint on a moment of a task."""
@@ -366,7 +363,7 @@ class Suspension(Span):
 
 
 @dataclass(slots=True)
-class Message:
+class Message(Overwritten):
     """A message that central accepted."""
 
     id: int
@@ -379,7 +376,7 @@ class Message:
     body: bytes = b""
     queueings: Sequence[Queueing] = NONE
     handlings: Sequence[Handling] = NONE
-    changes: Sequence[Change] | dict[str, list[tuple[float, Any]]] = NONE
+    changes: Changes = NONE
     """The overwritten values: when, which of the fields (``body`` or one below), and the old value. Many are kept by
     field, so that each is found in O(log).
     """
@@ -405,39 +402,6 @@ class Message:
     def was_given_up(self) -> bool:
         """Whether its sender waited no longer for the answer."""
         return self.dropping is Dropping.GIVEN_UP
-
-    def overwrite(self, name: str, value: Any, time: float) -> None:
-        """Write a new value over a field, and remember from when on it is so."""
-        old = getattr(self, name)
-        setattr(self, name, value)
-        if not isinstance(self.changes, dict):
-            if len(self.changes) < _SHORT:
-                self.changes = (*self.changes, (time, name, old))
-                return
-            self.changes = {field_name: self.overwritten(field_name) for _, field_name, _ in self.changes}
-        self.changes.setdefault(name, []).append((time, old))
-
-    def overwritten(self, name: str) -> list[tuple[float, Any]]:
-        """The old values of one of its fields, oldest first, and when each was written over."""
-        if isinstance(self.changes, dict):
-            return self.changes.get(name, [])
-        return [(time, old) for time, field_name, old in self.changes if field_name == name]
-
-    def was(self, name: str, moment: float) -> Any:
-        """The value of one of its fields at a moment."""
-        old = self.overwritten(name) if self.changes else ()
-        place = bisect_right(old, moment, key=_SINCE)
-        return old[place][1] if place < len(old) else getattr(self, name)
-
-    def written(self, name: str, moment: float = inf) -> float:
-        """When one of its fields was last written over, until a moment; else when it was sent."""
-        old = self.overwritten(name) if self.changes else ()
-        place = bisect_right(old, moment, key=_SINCE)
-        return old[place - 1][0] if place else self.received
-
-    def became(self, name: str) -> list[tuple[float, Any]]:
-        """The values written over one of its fields, and when, oldest first."""
-        return [(time, new) for (time, _), (_, new) in pairwise([*self.overwritten(name), (0.0, getattr(self, name))])]
 
     @property
     def failures(self) -> list[tuple[float, Failure]]:
