@@ -27,7 +27,7 @@ class Overwritten:
         setattr(self, name, value)
         if not isinstance(self.changes, dict):
             if len(self.changes) < _FEW:
-                self.changes = (*self.changes, (time, name, old))  # type: ignore[misc] - its class has the slot
+                self.changes = (*self.changes, (time, name, old))  # type: ignore[misc]  # its class has the slot
                 return
             self.changes = {field_name: self.overwritten(field_name) for _, field_name, _ in self.changes}  # type: ignore[misc]
         self.changes.setdefault(name, []).append((time, old))

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -51,6 +52,6 @@ def journals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
 def test_work_grows_as_the_journal(journals: dict[str, list[Path]], shape: str, tool: str) -> None:
     warm, *paths = journals[shape]
     TOOLS[tool](warm)  # imports, and what is kept
-    few, twice, most = (lines_of(lambda path=path: TOOLS[tool](path)) for path in paths)
+    few, twice, most = (lines_of(partial(TOOLS[tool], path)) for path in paths)
     linear = max(twice - few, few // 4)
     assert most - twice <= 2.6 * linear  # it is 2 if all is linear, 4 if all is quadratic
