@@ -30,10 +30,14 @@ class Checker:
         self._epoch, self._segment = "", 0
         self._may_have_missed_opening = False
         self.began = 0.0
+        self._shortened = -1.0  #: what had ended by then was removed
         self.first = self.last = 0  #: numbers of entries
 
     def take(self, entry: facts.Entry) -> None:
         """The next entry. Several of one number are one event."""
+        if self._is_shortened(entry):
+            self._pass_over(entry, "")
+            return
         if not (self._is_open and entry.number == self.world.event):
             self._end_event()
             self._begin_event(entry)
@@ -53,6 +57,14 @@ class Checker:
                     world.broken(CLOCK, 0, "central ended a second time")
                 self.is_closed = True
 
+    def _is_shortened(self, entry: facts.Entry) -> bool:
+        """Whether facts may have been removed that belong to an entry."""
+        for fact in entry.facts[1:2]:
+            if isinstance(fact, facts.Shortened):
+                self._shortened = fact.until
+                self.gaps.append(f"what had ended by {fact.until:.2f} s was removed: only what came later is judged")
+        return entry.time <= self._shortened
+
     def skip(self, places: int) -> None:
         """Before the next entry there were so many places that can't be read: nothing is claimed of what was sent
         before.
@@ -62,7 +74,11 @@ class Checker:
         self._begin_anew(f"after {self.world.now:.2f} s {which} can't be read")
 
     def leave_out(self, entry: facts.Entry) -> None:
-        """The next entry, of which some facts are not known: nothing is claimed of it, nor of what was sent before."""
+        """The next entry, of which some facts are not known."""
+        self._pass_over(entry, f"at {entry.time:.2f} s something happened that this version does not know")
+
+    def _pass_over(self, entry: facts.Entry, why: str) -> None:
+        """Nothing is claimed of an entry, nor of what was sent before."""
         is_same = self._is_open and entry.number == self.world.event
         self._end_event()
         if self.history is not None:
@@ -76,14 +92,15 @@ class Checker:
         self.is_closed = any(isinstance(fact, facts.Closed) for fact in entry.facts)
         self.facts += len(entry.facts)
         self.events += not is_same
-        self._begin_anew(f"at {entry.time:.2f} s something happened that this version does not know")
+        self._begin_anew(why)
         self.world.events += not is_same
         self.world.now = entry.time
 
     def _begin_anew(self, why: str) -> None:
         """Forget what is under way, and keep what has been declared."""
         known = self.world
-        self.gaps.append(f"{why}: what was under way then is not known")
+        if why:
+            self.gaps.append(f"{why}: what was under way then is not known")
         self.world = JournalWorld(self._report, is_whole=False, events=known.events)
         self.world.now, self.world.lives = known.now, known.lives
         self.world.formats, self.world.classes = known.formats, known.classes

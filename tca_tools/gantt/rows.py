@@ -160,7 +160,7 @@ class Painter:
         # the first label that has room in the widest part of the bar; or the last, if that will have room there
         edges = [left, *chain.from_iterable(sorted(waits)), right]
         width, start, is_light = max((edges[i + 1] - edges[i], edges[i], i % 2) for i in range(len(edges) - 1))
-        name = next((one for one in bar.labels if _wide(one) < width), bar.labels[-1])
+        name = next((one for one in bar.labels if _wide(one) < width), "".join(bar.labels[-1:]))
         kind = "in" if is_light or bar.is_beside else "on"
         yield from self._words(name, kind, start, start + width, y + _BAR / 2 + 4)
 

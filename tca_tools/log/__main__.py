@@ -11,6 +11,7 @@ import click
 from tca_tools.log.classic import classic_lines
 from tca_tools.log.fact_rows import fact_row
 from tca_tools.log.prune import remove, stored_runs, superfluous
+from tca_tools.log.shorten import EndedTasks
 from tca_tools.options import AGE, SIZE, log_argument
 from tca_tools.run.journals import newest_journal, open_log, run_folders, runs_in
 from tca_tools.run.selection import no_task
@@ -106,7 +107,8 @@ def prune(folder: Path | None, keep: float | None, keep_bytes: float | None, *, 
     """Remove old runs, with the inputs and images that recovery needs.
 
     FOLDER is a journal folder, in which one or several runs lie, or a folder of such folders; without it, central's
-    folder of journals. A run that a central writes stays, and the newest that ended without a goodbye: it may go on.
+    folder of journals. A run that a central writes stays, and the newest that ended without a goodbye: it may go on. Of
+    these the tasks and messages go that ended longer ago, or the oldest of them. The rest stays readable.
     """
     if keep is None and keep_bytes is None:
         raise click.UsageError("say what to keep: --keep 30d, --keep-bytes 10G, or both")
@@ -121,6 +123,13 @@ def prune(folder: Path | None, keep: float | None, keep_bytes: float | None, *, 
             remove(run, with_folder=run.folder != folder)
     gone = [run for run in found if not run.kept]
     left = sum(run.size for run in stored) - sum(run.size for run in gone)
+    for run in [run for run in stored if run.kept]:
+        ended = EndedTasks(run.files)
+        until = ended.until(keep, None if keep_bytes is None else keep_bytes - (left - run.size))
+        if (bytes_gone := ended.remove(until, dry_run=dry_run)) > 0:
+            verb = "would be removed" if dry_run else "removed"
+            click.echo(f"{printable(run.name)}: {size(bytes_gone)} of what had ended by {until:.0f} s {verb}")
+            left -= bytes_gone
     verb = "would be removed" if dry_run else "removed"
     removed = f"{counted(len(gone), 'run')} {verb} ({size(sum(run.size for run in gone))})"
     click.echo(f"{removed}, {counted(len(stored) - len(gone), 'run')} left ({size(left)})")

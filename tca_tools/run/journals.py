@@ -16,7 +16,7 @@ from tca_tools.run.losses import Losses
 from tca_tools.run.segments import Folder, listed, segments_in
 from tca_wire.endpoint import VARIABLE, by_number, default_journals, journal_link
 from tca_wire.errors import JournalDamaged
-from tca_wire.journal.facts import Closed, Entry, Opened
+from tca_wire.journal.facts import Closed, Entry, Opened, Shortened
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
 from tca_wire.text.printable import printable
 
@@ -130,6 +130,8 @@ class Log:
         self._number = f"#{self._folder.number_of(epoch)}" if self._folder is not None and epoch else ""
         self._said: set[str] = set()
         self._opened: Opened | None = None
+        self._shortened = ""
+        """The end of what was removed from the run."""
         self._followed_by = ""
         """The start of the file's part behind the journal."""
 
@@ -243,7 +245,7 @@ class Log:
     def remarks(self) -> list[str]:
         """Remarks, a line each: other runs or missing segments in the folder, losses, and what follows in a file."""
         folder = [*self._folder.others, *self._folder.missing] if self._folder is not None else []
-        return [*folder, *self.losses.lines, *filter(None, [self._followed_by])]
+        return [*folder, *self.losses.lines, *filter(None, [self._shortened, self._followed_by])]
 
     def tell(self, *, of_missing: bool = True) -> None:
         """Say on the standard error what there is to say of the folder (*of_missing*: of segments that are missing,
@@ -260,8 +262,8 @@ class Log:
         Of a journal that is cut only the end is missing, as after a power cut: a line on the standard error says so.
         """
         self.tell(of_missing=of_missing)
-        if self._followed_by:
-            self._say(self._followed_by)
+        for remark in filter(None, [self._shortened, self._followed_by]):
+            self._say(remark)
         also = "; ".join(self.losses.lines)
         if self._damage:
             shown = "what was read before" if self.lost else "what comes before it"
@@ -316,6 +318,9 @@ class Log:
                 facts = entry.facts
                 if facts and type(facts[0]) is Opened and self._is_another(facts[0], reader, segment):
                     return
+                if facts[1:] and type(facts[1]) is Shortened:
+                    until = f"{facts[1].until:.0f} s"
+                    self._shortened = f"{self.path}: what had ended by {until} was removed ('tca log prune')"
                 if not self._has_entries or not reader.offset:
                     self._has_entries = True
                     self.losses.note_version(reader, segment)

@@ -39,6 +39,12 @@ class Opened(BaseFact, frozen=True, tag="opened"):
     central: str
 
 
+class Shortened(BaseFact, frozen=True, tag="shortened"):
+    """Facts were removed from the run's journal: those about tasks and messages that had ended *until* then."""
+
+    until: float
+
+
 class Closed(BaseFact, frozen=True, tag="closed"):
     """Central ended of its own will."""
 
@@ -491,7 +497,7 @@ class MonitorEnded(BaseFact, frozen=True, tag="monitor ended"):
 
 
 Fact = (
-    Opened | Closed | CentralFailed | CentralRestarted | WentOn | DiskSpace
+    Opened | Shortened | Closed | CentralFailed | CentralRestarted | WentOn | DiskSpace
     | ModuleJoined | ModuleLeft | ResourceChanged | Recalling | FormatDefined | HandlerAdded | HandlerRemoved
     | KeysChanged | PermissionsChanged | RequestRefused | Ignored
     | Received | Queued | Unqueued | Delivered | Returned | Answered | Dropped | HandledDirectly | LostDirectly

@@ -147,6 +147,7 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Closed: lambda _, fact: fact.why,
     facts.CentralFailed: lambda _, fact: fact.why,
     facts.CentralRestarted: _restarted,
+    facts.Shortened: lambda _, fact: f"what had ended by {fact.until:.3f} s was removed ('tca log prune')",
     facts.DiskSpace: lambda _, fact: f"the disk of the journal {'is nearly full' if fact.is_low else 'has room again'}",
     facts.WentOn: lambda _, fact: f"tasks start again{by_whom(fact.by) if fact.by else ''}",
     facts.ModuleJoined: lambda _, fact: ", ".join(filter(None, (fact.module, fact.process, fact.principal))),

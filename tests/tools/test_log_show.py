@@ -55,6 +55,7 @@ def told_of_everything() -> Story:
     story.say(facts.HandledDirectly("scan", "eyes", "left", "script", 0, 1, 61.4, 0.5, Outcome.FAILED, "dark"))
     story.say(facts.LostDirectly("legs", "pose", 2), facts.LostDirectly("legs", "", 1))
     story.say(facts.RequestRefused("?", Refusal.PROTOCOL, "no hello\n"))
+    story.say(facts.Shortened(0.5))
     story.say(facts.Ignored("user", "task 1 has ended: it can't be retried"))
     return story.at(100.0).say(facts.Reached(TaskId(goal), ALL_MOMENTS), facts.Closed("interrupted"))
 
