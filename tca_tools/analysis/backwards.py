@@ -20,7 +20,7 @@ from tca_tools.run.at_time import RunAt
 from tca_tools.run.coordinators import ends_waited_for
 from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
-from tca_tools.why.waits import has_come
+from tca_tools.why.wait import has_come
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitKind

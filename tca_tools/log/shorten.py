@@ -35,7 +35,8 @@ _FIELDS: dict[str, tuple[type[Fact], ...]] = {
     ),
     "task": (
         facts.Reached, facts.Killed, facts.KillPlanned, facts.SendPlanned, facts.DeadlineSet, facts.SuspendedOrResumed,
-        facts.StateChanged, facts.Kept, facts.Released, facts.Caught, facts.Unhandled, facts.Recovered, facts.Retried, facts.Attached, facts.TapAdded,
+        facts.StateChanged, facts.Kept, facts.Released, facts.Caught, facts.Unhandled,
+        facts.Recovered, facts.Retried, facts.Attached, facts.TapAdded,
     ),
     "monitor": (facts.WaitedFor, facts.MonitorEnded),
     "handler": (facts.Reissued, facts.Resolved, facts.NotResolved),

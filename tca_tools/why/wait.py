@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from tca_tools.run.records import HandlerWait, Handling, Hold, Queueing, Suspension
+from tca_tools.run.whole_run import Run
+from tca_wire.points import END_HANDLING
 from tca_wire.waits import WaitKind
 
 
@@ -40,3 +42,21 @@ class Wait(NamedTuple):
     def seconds(self) -> float:
         """How long it took; infinite, if it goes on."""
         return self.end - self.start
+
+
+def has_come(run: Run, wait: HandlerWait) -> bool:
+    """Whether what a handler waited for a task for had come when the wait was over; True if it is no certain task."""
+    task = run.tasks.get(wait.awaited)
+    if task is None or wait.end is None:
+        return task is None
+    if wait.kind is WaitKind.CHANGE:
+        return wait.end in task.times or any(one.time == wait.end for one in task.life or ())
+    return wait.moment is None or task.time_of(wait.moment) <= wait.end
+
+
+def node_of(run: Run, handling: Handling) -> Node:
+    """That a run of a handler ends."""
+    if handling.message_id in run.tasks:
+        return Node(handling.message_id, END_HANDLING)
+    is_one_of_many = handling.delivery != handling.message_id
+    return Node(handling.message_id, 0, handling.delivery if is_one_of_many else 0)

@@ -42,7 +42,7 @@ from tca_tools.spans import Overlaps
 from tca_tools.why.keepers import Keepers, ahead_of_claim, kept_out, kept_since
 from tca_tools.why.overlapping import children_within, has_many, worked_out
 from tca_tools.why.retries import of_retry
-from tca_tools.why.wait import Node, Wait
+from tca_tools.why.wait import Node, Wait, node_of
 from tca_wire.points import (
     END_ACHIEVING,
     END_HANDLING,
@@ -137,24 +137,6 @@ def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
     if kind is WaitKind.TASK and not wait.moment:
         kind = WaitKind.LOCK if wait.awaited in run.claims else WaitKind.REPLY
     return Wait(wait.start, wait.until, kind, Node(wait.awaited, int(wait.moment or 0)), _ENDS, wait, wait.start)
-
-
-def has_come(run: Run, wait: HandlerWait) -> bool:
-    """Whether what a handler waited for a task for had come when the wait was over; True if it is no certain task."""
-    task = run.tasks.get(wait.awaited)
-    if task is None or wait.end is None:
-        return task is None
-    if wait.kind is WaitKind.CHANGE:
-        return wait.end in task.times or any(one.time == wait.end for one in task.life or ())
-    return wait.moment is None or task.time_of(wait.moment) <= wait.end
-
-
-def node_of(run: Run, handling: Handling) -> Node:
-    """That a run of a handler ends."""
-    if handling.message_id in run.tasks:
-        return Node(handling.message_id, END_HANDLING)
-    is_one_of_many = handling.delivery != handling.message_id
-    return Node(handling.message_id, 0, handling.delivery if is_one_of_many else 0)
 
 
 def _subtasks(
