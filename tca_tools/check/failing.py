@@ -268,10 +268,10 @@ def retried(world: JournalWorld, item: MessageRecord, fact: facts.Retried) -> No
     item.is_retried = True
     item.passed.clear()
     world.flagged.append(item)
+    for child in item.children.values():  # the failures that they were called for are forgotten
+        child.is_void = child.is_void or child.role is Role.EXCEPTION
     if item.reached & START_HANDLING:
         item.again, item.returned, item.deciding = True, False, 0
-        for child in item.children.values():  # the failures that they were called for are forgotten
-            child.is_void = child.is_void or child.role is Role.EXCEPTION
         world.later.append(lambda: _check_retried(world, item))
 
 

@@ -151,8 +151,8 @@ def test_another_version_is_refused_and_both_are_named(rogue: Line, version: int
 def test_nobody_calls_himself_as_central_calls_those_whom_it_awaits(daemon: Central, friend: Client) -> None:
     line = Line(daemon.address, AWAY + b"0")
     (answer,) = line.ask(pack_item(hello()))
-    assert answer.refusal is Refusal.FORBIDDEN
     line.socket.close()
+    assert answer.refusal is Refusal.SHUT_OUT
 
 
 def test_names_and_reasons_steer_no_terminal(daemon: Central, rogue: Line) -> None:

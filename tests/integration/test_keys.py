@@ -184,6 +184,7 @@ def test_a_revoked_key_is_cut_off_at_once(keyed: RealCentral, folder: Path, as_k
     assert is_shut_out(arm.status)
     assert user.status()["modules"] == 1
     # A new key of that name gets in at once, and is somebody new: the old line stays dead.
+    (folder / "arm.key").unlink()
     said("new", "arm")
     with connect("new arm", keyed.address):
         pass
