@@ -254,12 +254,13 @@ class Session:
     def abandon(self, request: Request) -> None:
         """Give a request up: nobody waits for its answer any more."""
         number, origin = request.header.number, getattr(request.header, "origin", 0)
-        if isinstance(request.header, headers.Release):
+        if isinstance(request.header, headers.Release | headers.GiveUp):
             return  # it is to be heard, if nobody waits for that either
         if request.path is not None:
             request.path.abandon(request)
         elif self._requests.pop(number, None) is not None and request.wants_answer:
-            self.post(headers.GiveUp(number, origin=origin))
+            if request.was_sent:  # central may have it, also if it is away now: the GiveUp is repeated like all else
+                self.give_up(request)
         elif self.is_recalled(request.header) and not (request.what and request.is_over):
             why = "its sender has given it up, and does not know it"
             self.request(headers.Kill(0, TaskId(-number), why, origin=origin))
@@ -379,7 +380,7 @@ class Session:
         for request in observing:
             number = request.header.number
             del self._requests[number]
-            self.outgoing.append((headers.GiveUp(number), b""))
+            self._number(Request(headers.GiveUp(number), b"", wants_answer=True))
             request.was_sent = False
             self._number(request)
 

@@ -192,7 +192,7 @@ def test_a_wait_ends_in_time_while_central_lives() -> None:
     assert not connection.wait(request, 7.0, "query")
     assert 107 <= central.now <= 107.1
     connection.abandon(request)
-    assert central.heard == [Send(2, "stance", blocking=True), GiveUp(2)]
+    assert central.heard == [Send(2, "stance", blocking=True), GiveUp(2, 3)]
 
 
 def test_a_wait_of_no_time_takes_what_is_there() -> None:
@@ -282,7 +282,7 @@ def test_an_interrupted_wait_is_not_asked_again() -> None:
     central.say(Deliver(8, "walk"))
     with pytest.raises(KeyboardInterrupt):
         connection.wait(request, None, "query")
-    assert central.heard == [Send(2, "stance"), Await(2), GiveUp(2)]
+    assert central.heard == [Send(2, "stance"), Await(2), GiveUp(2, 3)]
 
 
 # --- what is ahead ---------------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from tca_central.events import ConnectionId, ConnectionLost, RequestReceived, Tr
 from tca_module.session.request import Request
 from tca_module.session.session import CONFIRM_EVERY, HELLO_NUMBER, QUIET, Session
 from tca_wire.packets import headers
+from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
     Accepted,
@@ -161,7 +162,7 @@ def test_a_refusal_ends_its_request_and_others_are_complaints(session: Session) 
 def test_an_answer_that_nobody_waits_for_is_ignored(session: Session) -> None:
     (stance,) = asked(session, A_QUERY)
     session.abandon(stance)
-    assert said(session) == [GiveUp(2)]
+    assert said(session) == [GiveUp(2, 3)]
     hear(session, Answer(2), Accepted(9), Answer(77))
     assert not stance.is_over
     session.abandon(stance)
@@ -415,6 +416,41 @@ def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(se
     assert said(session) == [release.header]
     hear(session, Accepted(release.header.number, 7), Unknown(), welcome())
     assert said(session) == []
+
+
+@pytest.mark.parametrize("asked_for", [Lock(0, "legs"), A_QUERY, A_WAIT, Observe(0), WaitUntilHandled(0, ["walk"])])
+def test_a_give_up_is_repeated_until_central_answers(session: Session, asked_for: ToCentral) -> None:
+    (early,) = asked(session, asked_for)
+    session.abandon(early)  # and what says so is lost with the connection
+    hear(session, Unknown())
+    session.abandon(session.request(asked_for, wants_answer=True))  # has never left
+    hear(session, welcome())
+    assert said(session) == [GiveUp(2, 3)]
+    hear(session, Answer(3))
+    (late,) = asked(session, asked_for)
+    session.break_off()
+    session.abandon(late)
+    for _ in range(2):
+        hear(session, welcome())
+        assert said(session) == [GiveUp(5, 6)]
+        session.break_off()
+
+
+def test_what_was_observed_before_a_break_is_surely_given_up(session: Session) -> None:
+    asked(session, Observe(0))
+    hear(session, Unknown(), welcome())
+    assert said(session) == [GiveUp(2, 3), Observe(4)]
+    hear(session, Unknown(), welcome())  # before that has arrived
+    assert said(session) == [GiveUp(2, 3), GiveUp(4, 5), Observe(6)]
+
+
+def test_a_give_up_is_repeated_where_its_answer_is_given_up(session: Session) -> None:
+    (lock,) = asked(session, Lock(0, "legs"))
+    why = session.give_up(lock)
+    assert why is not None
+    session.abandon(why)
+    hear(session, Unknown(), welcome())
+    assert said(session) == [GiveUp(2, 3)]
 
 
 # --- central was restarted: what the next one gets ------------------------------------------------------------------
