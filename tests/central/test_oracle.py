@@ -3,6 +3,7 @@
 import random
 from typing import Any
 
+import msgspec
 import pytest
 from central.player import Player
 from hypothesis import Phase, given, settings
@@ -12,9 +13,11 @@ from properties.oracle import Oracle
 
 from tca_central.events import Effect, Tick
 from tca_wire.constraints import Flags
+from tca_wire.journal.facts import Received
 from tca_wire.packets import headers
-from tca_wire.packets.parts import Attachment
+from tca_wire.packets.parts import Attachment, WatchOptions
 from tca_wire.points import TaskId
+from tca_wire.vocabulary import Condition, Role
 
 JUDGED = {
     "planner": ("goal walk", "goal step", "query where"),
@@ -99,6 +102,16 @@ def test_a_module_started_again_has_a_sequence_of_its_own() -> None:
     player.receive("user", headers.Kill(player.number("user"), TaskId(player.central.tree.newest)))
     player.task("user", "move")
     assert player.delivered("legs/1") == [player.central.tree.newest]
+
+
+def test_a_tap_before_the_end_is_first_where_the_start_comes_too() -> None:
+    player = JudgedLife().player
+    for condition in (Condition.WHEN_ACHIEVED, Condition.WHILE_ACHIEVING):
+        tap = headers.Tap(player.number("user"), condition, "guard", "walk", watch=WatchOptions(maximum=1))
+        player.receive("user", tap, msgspec.msgpack.encode(7))
+    task = player.task("user", "walk", flags=Flags.PLAN_FIRST)
+    player.reply("planner1/1", task)
+    assert [fact.message for fact in player.facts(Received) if fact.role is Role.LISTENER] == ["guard", "guard"]
 
 
 @given(st.lists(operation, max_size=60))

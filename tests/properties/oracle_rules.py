@@ -297,6 +297,9 @@ def _advance(world: World, node: Node, held: set[tuple[int, Moment]], children: 
         if moment in node.past or not befores <= node.past or not _may_reach(node, moment, held, children):
             continue
         if not oracle_taps.fire_before(world, node, {moment}):
+            node.past = node.past | {moment}
+            if moment == SA and ORDER[node.is_goal][EA] <= node.past and _may_reach(node, EA, held, children):
+                oracle_taps.fire_before(world, node, {EA})  # as central does where a start and the end come together
             reach(world, node, {moment})
         if len(node.past) == 6:
             _end(world, node)
