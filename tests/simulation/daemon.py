@@ -7,6 +7,7 @@ continues from that, many times on one journal.
 
 from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 from simulation.clockwork import Broken, Clockwork, shown
 from simulation.disk import Disk
@@ -169,8 +170,9 @@ class Daemon:
             number = inputs.next_segment(self.core.clock.now)
             for path in (before, journal.hand_over()):
                 sync_path(path)
-            write_image(encode(self.core), self.disk.folder / f"{number:08d}{IMAGE_SUFFIX}")
-            self.images += 1
+            with suppress(OSError):  # on a full disk the child ends without an image
+                write_image(encode(self.core), self.disk.folder / f"{number:08d}{IMAGE_SUFFIX}")
+                self.images += 1
 
     def _sync(self) -> None:
         """Two threads sync the two logs, in any order."""
