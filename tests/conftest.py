@@ -6,7 +6,7 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import pytest
@@ -91,3 +91,18 @@ def _state_home(tmp_path_factory: pytest.TempPathFactory) -> None:
 @pytest.fixture
 def rewrite(request: pytest.FixtureRequest) -> bool:
     return bool(request.config.getoption("--rewrite"))
+
+
+@pytest.fixture
+def approve(request: pytest.FixtureRequest, rewrite: bool) -> Callable[[str, Callable[[str], object]], None]:
+    """Each line of a file beside the test is a case, and the indented one below is told of it: ``--rewrite`` writes it."""
+
+    def compare(name: str, tell: Callable[[str], object]) -> None:
+        path = request.path.with_name(name)
+        cases = [line for line in path.read_text().splitlines() if line.strip() and not line.startswith(" ")]
+        told = "\n".join(f"{case}\n    {tell(case)}\n" for case in cases)
+        if rewrite:
+            path.write_text(told)
+        assert told == path.read_text()
+
+    return compare

@@ -1,5 +1,7 @@
 """Each kind of wait has words, and several of one kind are told together."""
 
+from collections.abc import Callable
+
 import pytest
 
 from tca_wire.points import Moment
@@ -13,76 +15,8 @@ STEP = Wait(Kind.RUNNING, 5, "step")
 BUSY = (WALK, Wait(Kind.RUNNING, 4, "turn", more=2))
 
 
-@pytest.mark.parametrize(
-    ("wait", "text"),
-    [
-        (Wait(Kind.CONSTRAINT, 4, "move leg", Moment.END_ACHIEVING), "until move leg {4} is achieved"),
-        (Wait(Kind.CONSTRAINT, 4, "move leg", Moment.END_PLANNING, more=7), "until move leg {4} and 7 more are planned"),
-        (
-            Wait(Kind.CONSTRAINT, 4, "move leg", Moment.END_HANDLING, seconds=1.5),
-            "until 1.5 s after move leg {4} has been handled",
-        ),
-        (Wait(Kind.PARENT, 2, "walk", Moment.START_ACHIEVING), "until its parent walk {2} is being achieved"),
-        (Wait(Kind.DELAY, seconds=12.3), "until 12.300 s"),
-        (
-            Wait(Kind.LISTENER, 9, "check", Moment.END_ACHIEVING, module="legs"),
-            "until check {9}, the listener of a wiretap by legs, is achieved",
-        ),
-        (Wait(Kind.SUBTASK, 4, "move leg"), "until move leg {4} has ended"),
-        (Wait(Kind.RESOURCE, module="arm", resource="arm"), "for arm"),
-        (Wait(Kind.RESOURCE, module="arm", resource="hand", because=BUSY), "for arm / hand, busy with walk {3}, turn {4} and 2 more"),
-        (
-            Wait(Kind.RESOURCE, module="arm", more=1, because=(Wait(Kind.LOCKED, name="lock", module="panel", because=(WALK,)),)),
-            "for arm (or 1 more), which panel has locked while handling walk {3}",
-        ),
-        (
-            Wait(Kind.RESOURCE, module="arm", because=(WALK, Wait(Kind.LOCK, name="reservation", module="panel"))),
-            "for arm, busy with walk {3}, and which panel waits to reserve first",
-        ),
-        (Wait(Kind.RESOURCE, module="arm", because=(Wait(Kind.HANDLER),)), "for arm, which has no handler now"),
-        (Wait(Kind.HANDLER, name="grip"), "for a module that handles grip"),
-        (Wait(Kind.REPLY, 7, "next stance"), "for the reply to next stance {7}"),
-        (
-            Wait(Kind.REPLY, 7, "next stance", because=(Wait(Kind.HANDLER),)),
-            "for the reply to next stance {7}, which no module handles",
-        ),
-        (
-            Wait(Kind.REPLY, 7, "next stance", because=(Wait(Kind.RESOURCE, module="arm", because=(WALK,)),)),
-            "for the reply to next stance {7}, which is queued for arm, busy with walk {3}",
-        ),
-        (
-            Wait(Kind.REPLY, 7, "poll", answered=1, because=(
-                Wait(Kind.RUNNING, module="arm"), Wait(Kind.RESOURCE, module="leg", because=(WALK,)))),
-            "for the reply to poll {7}, which arm and leg (queued, busy with walk {3}) have not answered (1 of 3 has)",
-        ),
-        (
-            Wait(Kind.REPLY, 7, "next stance", because=(
-                Wait(Kind.RUNNING, module="arm", because=(Wait(Kind.TASK, 8, "grip", Moment.END_ACHIEVING),)),)),
-            "for the reply to next stance {7}, which arm handles and waits until grip {8} is achieved",
-        ),
-        (
-            Wait(Kind.LOCK, 8, "lock", module="legs", because=(Wait(Kind.LOCKED, module="panel"),)),
-            "for the lock of legs {8}, which panel has locked",
-        ),
-        (Wait(Kind.RESUME, 2, "walk", module="panel"), "until walk {2}, suspended by panel, is resumed"),
-        (Wait(Kind.RESUME, module="panel"), "until it is resumed (suspended by panel)"),
-        (Wait(Kind.RECOVERY, 5, "recover"), "until recover {5} has dealt with its failure"),
-        (Wait(Kind.RECOVERY), "until somebody has dealt with its failure"),
-        (Wait(Kind.PRESENCE, name="grip"), "for a module that handles grip"),
-        (Wait(Kind.CONDITION), "until it is fired"),
-        (Wait(Kind.CONDITION, name="is hot"), "for its condition is hot, which has not been tested"),
-        (Wait(Kind.CONDITION, name="is hot", holds=False), "for its condition is hot, which did not hold"),
-        (WALK, "until the handler of walk {3} returns"),
-        (
-            Wait(Kind.RUNNING, because=(Wait(Kind.REPLY, 7, "next stance"),)),
-            "until its handler returns, which waits for the reply to next stance {7}",
-        ),
-        (Wait(Kind.LOCKED, module="panel", resource="arm"), "until panel releases arm"),
-        (Wait(Kind.CIRCLE, 7, "walk"), "for itself, by way of walk {7}"),
-    ],
-)  # fmt: skip
-def test_a_wait_in_words(wait: Wait, text: str) -> None:
-    assert in_words(wait) == text
+def test_a_wait_in_words(approve: Callable[..., None]) -> None:
+    approve("waits_in_words.txt", lambda wait: in_words(eval(wait)))
 
 
 def test_a_suspension_says_how_long_ago() -> None:
