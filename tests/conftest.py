@@ -98,7 +98,7 @@ def approve(request: pytest.FixtureRequest, rewrite: bool) -> Callable[[str, Cal
     """Each line of a file beside the test is a case, and the indented one below is told of it: ``--rewrite`` writes it."""
 
     def compare(name: str, tell: Callable[[str], object]) -> None:
-        path = request.path.with_name(name)
+        path = request.path.parent / name
         cases = [line for line in path.read_text().splitlines() if line.strip() and not line.startswith(" ")]
         told = "\n".join(f"{case}\n    {tell(case)}\n" for case in cases)
         if rewrite:
