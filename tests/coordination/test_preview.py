@@ -411,33 +411,28 @@ def test_nothing_is_built_on_what_comes_later() -> None:
     assert decision.stops == [Objection(2, Reason.CONFLICT, "arm", 1)]
 
 
-def reaching(first: Activity, likelihood: Prior | None, event: str = "done") -> Decision:
+def reaching(likelihood: Prior | None, event: str = "done", *, progress: bool = False) -> Decision:
     """What starts while the first activity has no progress; if it fails, the machine gives up."""
+    first = base("B") if progress else Activity(Do(MOVE_GRIPPER, "hold", GRIPPER))
     with Coordination("reaching", facts=START) as machine:
         going, reach = machine.state("going to B", first), machine.state("arm to B", arm("B"))
         going.to(reach, on=event)
         reach.to(machine.final("end"))
         going.to(machine.final("given up"), on="failed", likelihood=likelihood)
-    return decided(
-        "going to B", progress=0.0, machine=machine, policy=Discrete(0.5, lambda one: one.progress_of_current)
-    )
+    policy = Discrete(0.5, lambda one: one.progress_of_current)
+    return decided("going to B", progress=0.0, machine=machine, policy=policy)
 
 
 def test_a_failure_begins_no_branch_when_it_is_impossible() -> None:
-    hold = Activity(Do(MOVE_GRIPPER, "hold", GRIPPER))
-    assert reaching(hold, None).refused == [Objection(1, Reason.BRANCH, "arm", 3)]
-    assert reaching(hold, Prior(0.0)).starts == [Start(1)]
+    """Nor does an activity without progress hold others back."""
+    assert reaching(None).refused == [Objection(1, Reason.BRANCH, "arm", 3)]
+    assert reaching(Prior(0.0)).starts == [Start(1)]
+    assert reaching(Prior(0.0), progress=True).refused == [Objection(1, Reason.UTILITY, other=0)]
 
 
-def test_the_only_other_arrow_is_certain_beside_an_impossible_one() -> None:
-    hold = Activity(Do(MOVE_GRIPPER, "hold", GRIPPER))
-    assert reaching(hold, Prior(0.0), "arrived").starts == [Start(1)]
-    assert reaching(hold, None, "arrived").refused == [Objection(0, Reason.STEADY)], "that may never come"
-
-
-def test_only_an_activity_that_can_report_progress_holds_others_back() -> None:
-    assert reaching(base("B"), Prior(0.0)).refused == [Objection(1, Reason.UTILITY, other=0)]
-    assert reaching(Activity(Do(MOVE_GRIPPER, "hold", GRIPPER)), Prior(0.0)).starts == [Start(1)]
+def test_an_arrow_is_certain_beside_an_impossible_one() -> None:
+    assert reaching(Prior(0.0), "arrived").starts == [Start(1)]
+    assert reaching(None, "arrived").refused == [Objection(0, Reason.STEADY)], "that may never come"
 
 
 def test_the_progress_before_passes_the_end_of_a_compound_but_no_wait() -> None:

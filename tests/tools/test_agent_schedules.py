@@ -141,7 +141,7 @@ def test_what_started_late_is_told_everywhere(tca: Tca, tmp_path: Path, caplog: 
         assert f"{why.told} {why.remedy}" in " ".join(re.sub("<[^>]*>|;", " ", shown).split())
 
 
-def test_the_order_of_the_machine_is_told_where_nothing_ran_ahead(tmp_path: Path) -> None:
+def test_the_machine_s_order_is_told_when_nothing_ran_ahead(tmp_path: Path) -> None:
     never, early = (
         gains(folded(open_log(written(deliver(1.0, policy), tmp_path / name))))[0][3]
         for name, policy in (("never", Discrete(2.0)), ("early", AS_SOON_AS_LIKELY))

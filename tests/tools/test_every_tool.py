@@ -100,7 +100,7 @@ def test_a_moment_that_is_none_is_refused_in_a_line(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", SOME)
+@pytest.mark.parametrize("command", [*SOME, "--help", "--version"])
 def test_a_full_disk_is_said_in_a_line(run: Path, command: str) -> None:
     with Path("/dev/full").open("w") as full:
         done = process(*command.split(), run, stdout=full)
@@ -133,15 +133,6 @@ def test_closed_stderr_harms_no_command(run: Path, command: str, code: int) -> N
     done = process(*command.split(), run, stdout=subprocess.PIPE, preexec_fn=lambda: os.close(2))
     assert (done.returncode, done.stderr) == (code, "")
     assert "Traceback" not in done.stdout
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("option", ["--help", "--version"])
-def test_full_output_is_told_in_a_line(option: str) -> None:
-    with Path("/dev/full").open("w") as full:
-        done = process(option, stdout=full)
-    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
-    assert done.stderr.startswith("tca: the output can't be written")
 
 
 @pytest.mark.parametrize(("command", "name"), TO_FILES[2:])

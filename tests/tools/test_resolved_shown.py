@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 from central.player import Player
+from tools.deliveries import written
 from tools.runs import OPENED, checked
 
 from tca_tools.check import rules
@@ -20,7 +21,6 @@ from tca_tools.tasktree_viz.dot import FILLS
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
-from tca_wire.journal.records import record
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
 from tca_wire.vocabulary import Condition, Outcome
@@ -61,10 +61,7 @@ def run(entries: list[Entry]) -> History:
 
 @pytest.fixture
 def path(entries: list[Entry], tmp_path: Path) -> Path:
-    journal = tmp_path / "run"
-    journal.mkdir()
-    (journal / "000001.tcaj").write_bytes(b"".join(map(record, entries)))
-    return journal
+    return written(entries, tmp_path / "run")
 
 
 def states(run: History, name: str) -> list[TaskState]:

@@ -103,10 +103,12 @@ def test_an_array_keeps_its_dtype(dtype: Any) -> None:
     assert (got.shape, got.tobytes()) == (sent.shape, sent.tobytes())
 
 
-@pytest.mark.parametrize("dtype", [[["x", "|O"]], [["x"]], [["x", "<f4", [2, -1]]], "nonsense", [[["a"], "<f4"]]])
+@pytest.mark.parametrize(
+    "dtype", ["|O", "<f4", [["x", "|O"]], [["x"]], [["x", "<f4", [2, -1]]], "nonsense", [[["a"], "<f4"]]]
+)
 def test_a_damaged_description_of_an_array_is_refused(dtype: Any) -> None:
     lie = msgspec.msgpack.encode(msgspec.msgpack.Ext(1, msgspec.msgpack.encode([dtype, [1], b"12345678"])))
-    with pytest.raises(BadData):
+    with pytest.raises(BadData, match="damaged array"):
         Format[Any](np.ndarray).decode(lie)
 
 
@@ -128,7 +130,7 @@ class Sparse(msgspec.Struct, omit_defaults=True, rename="camel", tag=True):
     poses: dict[int, Pose] = {}
 
 
-def test_data_is_refused_if_it_does_not_fit_or_would_be_altered(approve: Callable[..., None]) -> None:
+def test_data_is_refused_when_it_would_not_arrive_whole(approve: Callable[..., None]) -> None:
     def tell(case: str) -> str:
         kind, value = eval(case)
         with pytest.raises(BadData) as error:
@@ -154,15 +156,6 @@ def test_data_is_sent_if_it_is_whole_in_another_form(kind: Any, value: Any) -> N
 def test_bytes_that_are_no_value_are_refused(data: bytes) -> None:
     with pytest.raises(BadData):
         Format[Any](Scan).decode(data)
-
-
-def test_arrays_whose_bytes_lie_are_refused() -> None:
-    lie = msgspec.msgpack.encode(msgspec.msgpack.Ext(1, msgspec.msgpack.encode(["<f4", [2, 2], b"1234"])))
-    with pytest.raises(BadData, match="damaged array"):
-        Format[Any](NDArray[np.float32]).decode(lie)
-    objects = msgspec.msgpack.encode(msgspec.msgpack.Ext(1, msgspec.msgpack.encode(["|O", [1], b"12345678"])))
-    with pytest.raises(BadData, match="damaged array"):
-        Format[Any](np.ndarray).decode(objects)
 
 
 @pytest.mark.parametrize("kind", [Exception, "nonsense", lambda: 1, dict[Pose, int] | list[int] | set[int]])
