@@ -45,7 +45,9 @@ def test_newest_run_is_that_of_the_last_number(tmp_path: Path, monkeypatch: pyte
     walking().write(first)
     second = new_journal()
     second = walking().write(second.with_name(f"{second.name[:7]}1970-01-01T00-00-09-1"))  # its clock has no battery
-    assert run_number(new_journal()) == 3  # a run that wrote nothing
+    third = new_journal()
+    third.mkdir()  # a run that wrote nothing
+    assert run_number(third) == 3
     assert open_log(None).path == second
     assert list(run_folders()) == [second, first]
 
