@@ -91,7 +91,7 @@ ONLY_IN = {
     "pyarrow": {"tca_tools/export/parquet_files.py"},
     "starlette": {"tca_tools/view/app.py", "tca_tools/view/guards.py", "tca_activities/page/app.py"},
     "textual": {"tca_tools/replay/app.py", "tca_tools/replay/panes.py"},
-    "uvicorn": {"tca_tools/view/__main__.py", "tca_activities/page/command.py"},
+    "uvicorn": {"tca_tools/view/served_page.py"},
 }
 EXCEPTIONS = {
     ("tca_module/testing.py", "tca_central"),  # the real core for users' tests
@@ -99,7 +99,7 @@ EXCEPTIONS = {
     ("tca_missions/charts/drawing.py", "tca_tools"),  # pictures of state machines
     ("tca_coordination/learning.py", "tca_tools"),  # journals of earlier runs
     ("tca_coordination/model/drawing.py", "tca_tools"),
-    ("tca_activities/models/drawing.py", "tca_tools"),  # pictures of models
+    ("tca_activities/models/command.py", "tca_tools"),  # pictures of models
     ("tca_activities/page/app.py", "tca_tools"),  # a page beside the viewer's
     ("tca_activities/page/command.py", "tca_tools"),
     ("tca_activities/page/command.py", "tca_live"),

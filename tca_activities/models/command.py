@@ -4,11 +4,14 @@ from pathlib import Path
 
 import click
 
-from tca_activities.models.drawing import KINDS, draw
+from tca_activities.models.dot import model_dot
 from tca_activities.models.reading import read_model
 from tca_activities.models.writing import write_code
+from tca_tools.drawing.picture_file import write_machine
 from tca_wire.text.printable import printable
 from tca_wire.user_toml import BadUserFile
+
+KINDS = (".svg", ".png", ".pdf", ".dot")
 
 
 class _BadModel(click.ClickException):
@@ -36,7 +39,7 @@ def generate(model: Path, output: Path | None) -> None:
     try:
         read = read_model(model)
         if output is not None and output.suffix in KINDS:
-            draw(read, output)
+            write_machine(output, model_dot(read))
             return
         lines = write_code(read, output or model.parent)
     except BadUserFile as error:

@@ -1,31 +1,19 @@
 """``tca activities``: the command line."""
 
-import contextlib
-import webbrowser
-from secrets import token_urlsafe
-from types import FrameType
-
 import click
 
 from tca_activities.page.live import LiveApplication, applications
-from tca_live.shared import talking
+from tca_live.shared import central_option, talking
 from tca_tools.errors import ToolError
-from tca_tools.view.door import LOCAL, in_address, listening
-from tca_wire.endpoint import VARIABLE
+from tca_tools.view.door import LOCAL, listening, page_options
 from tca_wire.text.missing import missing_package
 
 
 @click.command()
 @click.argument("name", required=False)
-@click.option(
-    "--port", type=click.IntRange(0, 65535), default=0, help="Where to serve the page (0: where there is room)."
-)
-@click.option(
-    "--host", default=LOCAL, show_default=True, help="The address to serve on: by default only for this machine."
-)
-@click.option("--central", metavar="ADDRESS", help=f"Where central listens [default: ${VARIABLE}].")
+@page_options
+@central_option
 @click.option("--read-only", is_flag=True, help="Only look: nothing is allocated or sent.")
-@click.option("--browser/--no-browser", default=True, help="Open the page in the browser.")
 def activities(name: str | None, port: int, host: str, central: str | None, *, read_only: bool, browser: bool) -> None:
     """Show an application's regions, processors and activities in the browser, live.
 
@@ -34,31 +22,18 @@ def activities(name: str | None, port: int, host: str, central: str | None, *, r
     page only looks, for those who have the address. It is served until interrupted.
     """
     try:
-        import uvicorn  # noqa: PLC0415 - the page is an extra
-
-        from tca_activities.page.app import application  # noqa: PLC0415
-        from tca_tools.view.guards import TOKEN, PageKey  # noqa: PLC0415
+        from tca_activities.page.app import application  # noqa: PLC0415 - the page is an extra
+        from tca_tools.view.guards import PageKey  # noqa: PLC0415
+        from tca_tools.view.served_page import serve_page  # noqa: PLC0415
     except ImportError as error:
         raise ToolError(missing_package("tca activities", str(error.name), "view")) from None
     live = LiveApplication(_chosen(name, central), central)
     with listening(host, port) as door, live.running():
         key = PageKey("tca activities") if host == LOCAL and not read_only else None
-        token = "" if host == LOCAL else token_urlsafe(16)
-        asked = f"?key={key.text}" if key else f"?{TOKEN}={token}" if token else ""
-        address = f"http://{in_address(host)}:{door.getsockname()[1]}/{asked}"
-        hosts = ["127.0.0.1", "localhost", "[::1]", host] if host == LOCAL else ["*"]
-
-        class Server(uvicorn.Server):
-            def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-                live.stop()  # or a page that waits for news would be waited for
-                super().handle_exit(sig, frame)
-
-        click.echo(f"{live.name}: {address}  (Ctrl-C ends)")
-        if browser:
-            webbrowser.open(address)
-        config = uvicorn.Config(application(live, hosts, key, token), log_level="warning", timeout_graceful_shutdown=1)
-        with contextlib.suppress(KeyboardInterrupt):
-            Server(config).run(sockets=[door])
+        serve_page(
+            door, host, key.text if key else "", lambda hosts, token: application(live, hosts, key, token),
+            name=live.name, notes=[], browser=browser, stop=live.stop,
+        )  # fmt: skip
 
 
 def _chosen(name: str | None, central: str | None) -> str:
