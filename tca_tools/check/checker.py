@@ -9,6 +9,7 @@ from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import CLOCK, Violation
 from tca_tools.check.world import JournalWorld
 from tca_tools.run.fold import History
+from tca_tools.run.takers import takers
 from tca_wire.journal import facts
 
 Report = Callable[[Violation], None]
@@ -185,48 +186,24 @@ def _of(
 _ITEM, _TASK = JournalWorld.item, JournalWorld.task
 
 FOLD: dict[type, Take] = {
-    facts.CentralRestarted: presence.restarted,
-    facts.WentOn: presence.went_on,
-    facts.ModuleJoined: presence.joined,
-    facts.ModuleLeft: presence.left,
-    facts.ResourceChanged: presence.resource,
-    facts.Recalling: presence.recalling,
-    facts.FormatDefined: presence.format_defined,
-    facts.HandlerAdded: presence.handler,
-    facts.HandlerRemoved: presence.no_handler,
-    facts.Received: births.received,
-    facts.Constrained: births.constrained,
+    **takers(presence, births, handling, moments, failing, taps),
     facts.TimedOut: _of(_TASK, "constraint.after.task", "got past a delay", births.timed_out),
-    facts.Queued: handling.queued,
     facts.Unqueued: _of(_ITEM, "id", "left a queue", handling.unqueued),
-    facts.Delivered: handling.delivered,
     facts.Returned: _of(_ITEM, "id", "was returned", handling.returned),
-    facts.Failed: handling.failed,
-    facts.Dropped: handling.dropped,
     facts.Answered: _of(_ITEM, "id", "was answered", handling.answered),
     facts.Awaited: _of(_ITEM, "id", "was waited for", handling.awaited),
-    facts.Reached: moments.reached,
-    facts.WaitBegan: moments.wait_began,
-    facts.WaitEnded: moments.wait_ended,
     facts.Killed: _of(_TASK, "task", "was killed", failing.killed),
     facts.SuspendedOrResumed: _of(_TASK, "task", "was suspended or resumed", failing.suspended),
     facts.StateChanged: _of(_TASK, "task", "changed its state", lives.changed),
     facts.Retried: _of(_TASK, "task", "was retried", failing.retried),
-    facts.Attached: failing.attached,
-    facts.Removed: failing.removed,
     facts.Caught: _of(_TASK, "task", "was caught", failing.caught),
     facts.Reissued: _of(_TASK, "handler", "reissued its failure", failing.reissued),
     facts.Resolved: _of(_TASK, "handler", "resolved its failure", failing.resolved),
     facts.NotResolved: _of(_ITEM, "task", "failed on", failing.not_resolved),
     facts.Unhandled: _of(_TASK, "task", "failed, unhandled,", failing.unhandled),
     facts.Recovered: _of(_ITEM, "task", "recovered", failing.recovered),
-    facts.TapAdded: taps.tap_added,
-    facts.TapFired: taps.fired,
     facts.WaitedFor: _of(taps.monitor, "monitor", "was sent to be waited for", taps.waited_for),
     facts.MonitorTested: _of(taps.monitor, "monitor", "was tested", taps.tested),
     facts.MonitorEnded: _of(taps.monitor, "monitor", "ended", taps.monitor_ended),
-    facts.Claimed: presence.claimed,
-    facts.Granted: presence.granted,
-    facts.ClaimEnded: presence.claim_ended,
 }
-"""One row per kind of fact that the rules are about."""
+"""By kind of fact that the rules are about."""

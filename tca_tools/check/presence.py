@@ -7,13 +7,15 @@ from tca_tools.check.world import JournalWorld, said
 from tca_wire.journal import facts
 
 
-def restarted(world: JournalWorld, _: facts.CentralRestarted) -> None:
+def restarted(world: JournalWorld, fact: facts.CentralRestarted) -> None:
     """Central is back."""
+    del fact
     world.is_holding = True
 
 
-def went_on(world: JournalWorld, _: facts.WentOn) -> None:
+def went_on(world: JournalWorld, fact: facts.WentOn) -> None:
     """What was held back may begin."""
+    del fact
     world.is_holding = False
     world.places_touched.update(dict.fromkeys(world.places.values()))
 

@@ -4,11 +4,10 @@ Pure, and O(1) for each fact. It re-runs no rule of central, and takes any facts
 """
 
 import gc
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from math import inf, nextafter
 from sys import intern
-from typing import Any, get_type_hints
 
 from tca_tools.run.fold_reactions import ReactionFold
 from tca_tools.run.journals import Log
@@ -27,6 +26,7 @@ from tca_tools.run.records import (
     Task,
     added,
 )
+from tca_tools.run.takers import takers
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
@@ -439,13 +439,7 @@ class History(ReactionFold):
             self._touch(wait.by.message_id if isinstance(wait.by, Handling) else 0)
 
 
-_TAKE: dict[type, Callable[[History, Any], None]] = {
-    get_type_hints(take)["fact"]: take
-    for part in (History, ReactionFold)
-    for take in vars(part).values()
-    if "fact" in getattr(take, "__annotations__", ())
-}
-"""Each method that takes a ``fact`` takes all of the type that it names."""
+_TAKE = takers(History, ReactionFold)
 
 
 def folded(

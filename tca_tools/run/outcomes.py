@@ -1,10 +1,10 @@
 """What became of a run: how long it lasted, and how its top-level tasks ended. Pure; keeps nothing of other tasks."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Iterable
 
 from tca_tools.run.records import TaskState
+from tca_tools.run.takers import takers
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
 from tca_wire.points import ROOT, Moment
@@ -55,7 +55,8 @@ class RunOutcome:
     def _retried(self, fact: facts.Retried) -> None:
         self._ends.pop(fact.task, None)
 
-    def _closed(self, _fact: facts.Closed) -> None:
+    def _closed(self, fact: facts.Closed) -> None:
+        del fact
         self.is_closed = True
 
     def take(self, entries: Iterable[Entry]) -> None:
@@ -67,15 +68,7 @@ class RunOutcome:
                     take(self, fact)
 
 
-# ruff: noqa: SLF001
-_TAKE: dict[type, Callable[[RunOutcome, Any], None]] = {
-    facts.Received: RunOutcome._received,
-    facts.Reached: RunOutcome._reached,
-    facts.Killed: RunOutcome._was_killed,
-    facts.Recovered: RunOutcome._recovered,
-    facts.Retried: RunOutcome._retried,
-    facts.Closed: RunOutcome._closed,
-}
+_TAKE = takers(RunOutcome)
 
 
 def outcome_of(entries: Iterable[Entry]) -> RunOutcome:

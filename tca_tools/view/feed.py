@@ -4,11 +4,9 @@ Rows are only ever added, as the history grows, so a page that follows a run is 
 is asked for of one task (its data, its story, why it waits) is not here: see answers.py.
 """
 
-from collections.abc import Callable
 from enum import StrEnum
 from heapq import heapify, heappop, heappush
 from operator import attrgetter
-from typing import Any
 
 from tca_tools.gantt.build import NO_HANDLER, SUSPENDED
 from tca_tools.gantt.looks import dark
@@ -17,6 +15,7 @@ from tca_tools.run.coordinators import coordinator_of
 from tca_tools.run.fates import WATCHING, Failing, failing, watches
 from tca_tools.run.fold import History
 from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
+from tca_tools.run.takers import takers
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
 from tca_tools.view.pictures import is_picture
@@ -277,62 +276,62 @@ class Feed:
             self.columns.add("state", monitor.id, self.history.time, WATCHING if is_watching else state)
         (self._watching.add if is_watching else self._watching.discard)(monitor.id)
 
-    def _tell_handling(self, handling: Handling) -> None:
-        row = self._row(handling.module, handling.resource)
-        if not handling.message_id:
-            self._direct.setdefault(handling.name, row)
-        if id(handling) not in self._open:
-            self._traffic.tell_handling(handling)
-        self._span(handling, SpanKind.HANDLING, row, handling.name, handling.message_id, handling.start)
-        if handling.end is not None:
-            if handling.outcome is Outcome.FAILED:
-                self._ended_badly.append((handling, self._open[id(handling)]))
-            self._end(handling, handling.end, handling.outcome or "")
+    def _tell_handling(self, record: Handling) -> None:
+        row = self._row(record.module, record.resource)
+        if not record.message_id:
+            self._direct.setdefault(record.name, row)
+        if id(record) not in self._open:
+            self._traffic.tell_handling(record)
+        self._span(record, SpanKind.HANDLING, row, record.name, record.message_id, record.start)
+        if record.end is not None:
+            if record.outcome is Outcome.FAILED:
+                self._ended_badly.append((record, self._open[id(record)]))
+            self._end(record, record.end, record.outcome or "")
 
-    def _tell_queueing(self, queueing: Queueing) -> None:
-        row = self._row(queueing.module, queueing.resource)
-        name = self.history.name(queueing.message_id)
-        self._span(queueing, SpanKind.QUEUED, row, name, queueing.message_id, queueing.start)
-        if queueing.end is not None:
-            self._end(queueing, queueing.end)
+    def _tell_queueing(self, record: Queueing) -> None:
+        row = self._row(record.module, record.resource)
+        name = self.history.name(record.message_id)
+        self._span(record, SpanKind.QUEUED, row, name, record.message_id, record.start)
+        if record.end is not None:
+            self._end(record, record.end)
 
-    def _tell_wait(self, wait: HandlerWait) -> None:
+    def _tell_wait(self, record: HandlerWait) -> None:
         """Add a wait, unless its answer was there at once."""
-        if wait.end == wait.start:
+        if record.end == record.start:
             return
-        name = self.history.name(wait.awaited)
-        if isinstance(wait.by, Handling):
-            row, within = self._row(wait.by.module, wait.by.resource), self._open.get(id(wait.by), -1)
+        name = self.history.name(record.awaited)
+        if isinstance(record.by, Handling):
+            row, within = self._row(record.by.module, record.by.resource), self._open.get(id(record.by), -1)
         else:
-            row, within = self._row(wait.by, ""), -1
-        self._span(wait, SpanKind.WAITING, row, name, wait.awaited, wait.start, within)
-        if wait.end is not None:
-            self._end(wait, wait.end)
+            row, within = self._row(record.by, ""), -1
+        self._span(record, SpanKind.WAITING, row, name, record.awaited, record.start, within)
+        if record.end is not None:
+            self._end(record, record.end)
 
-    def _tell_claim(self, claim: Claim) -> None:
-        if claim.granted is not None and claim.granted == self.history.time:
-            row = self._row(claim.module, claim.resource)
-            message = claim.by.message_id if claim.by else 0
-            self._span(claim, SpanKind.HELD, row, claim.sender, message, claim.granted)
-        if claim.end is not None and id(claim) in self._open:
-            self._end(claim, claim.end)
+    def _tell_claim(self, record: Claim) -> None:
+        if record.granted is not None and record.granted == self.history.time:
+            row = self._row(record.module, record.resource)
+            message = record.by.message_id if record.by else 0
+            self._span(record, SpanKind.HELD, row, record.sender, message, record.granted)
+        if record.end is not None and id(record) in self._open:
+            self._end(record, record.end)
 
-    def _tell_module(self, module: ModuleRecord) -> None:
+    def _tell_module(self, record: ModuleRecord) -> None:
         """A module that offers to handle something has rows from the beginning, whether it handles anything or not."""
-        if not module.joined:
+        if not record.joined:
             return
-        start, end = module.joined[-1]
-        connected = self._connected.setdefault(module.name, {})
+        start, end = record.joined[-1]
+        connected = self._connected.setdefault(record.name, {})
         if end is not None:
             for span in connected.values():
                 self._end_span(span, end)
             connected.clear()
             return
-        self._row(module.name, "")  # rows stand in the order in which modules joined
-        for resource, capacity in module.resources.items():
+        self._row(record.name, "")  # rows stand in the order in which modules joined
+        for resource, capacity in record.resources.items():
             if capacity and resource not in connected:
-                row = self._row(module.name, resource)
-                connected[resource] = self._add_span(row, SpanKind.CONNECTED, module.name, 0, start)
+                row = self._row(record.name, resource)
+                connected[resource] = self._add_span(row, SpanKind.CONNECTED, record.name, 0, start)
 
     def _row(self, module: str, resource: str) -> int:
         label = place(module, resource) if module else resource or NO_HANDLER
@@ -369,17 +368,5 @@ class Feed:
             lanes.leave(lane, time)
 
 
-# ruff: noqa: SLF001
-_TELL: dict[type, Callable[[Feed, Any], None]] = {
-    Handling: Feed._tell_handling,
-    Queueing: Feed._tell_queueing,
-    HandlerWait: Feed._tell_wait,
-    Claim: Feed._tell_claim,
-    ModuleRecord: Feed._tell_module,
-}
-_TELL_FACT: dict[type, Callable[[Feed, Any], None]] = {
-    Received: Feed._tell_received,
-    Failed: Feed._tell_failed,
-    Killed: Feed._tell_killed,
-    StateChanged: Feed._tell_changed,
-}
+_TELL = takers(Feed, parameter="record")
+_TELL_FACT = takers(Feed)
