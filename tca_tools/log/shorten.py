@@ -28,22 +28,6 @@ INPUT_SUFFIX = ".tcai"
 _CLOCK = 7
 """The place of central's clock in the first record of a segment of inputs."""
 
-_FIELDS: dict[str, tuple[type[Fact], ...]] = {
-    "id": (
-        facts.Received, facts.Queued, facts.Unqueued, facts.Delivered, facts.Returned, facts.Answered, facts.Dropped,
-        facts.Awaited, facts.Failed, facts.Claimed, facts.Granted, facts.ClaimEnded,
-    ),
-    "task": (
-        facts.Reached, facts.Killed, facts.KillPlanned, facts.SendPlanned, facts.DeadlineSet, facts.SuspendedOrResumed,
-        facts.StateChanged, facts.Kept, facts.Released, facts.Caught, facts.Unhandled,
-        facts.Recovered, facts.Retried, facts.Attached, facts.TapAdded,
-    ),
-    "monitor": (facts.WaitedFor, facts.MonitorEnded),
-    "handler": (facts.Reissued, facts.Resolved, facts.NotResolved),
-}  # fmt: skip
-"""The field of a fact that names the task, message or claim which it is about."""
-_FIELD_OF = {kind: name for name, kinds in _FIELDS.items() for kind in kinds}
-
 _OF_A_MOMENT = (
     facts.HandledDirectly, facts.LostDirectly, facts.RequestRefused, facts.Ignored, facts.MonitorTested,
 )  # fmt: skip
@@ -200,8 +184,10 @@ class EndedTasks:
             return min(self._end(fact.tapped), self._end(fact.listener))
         if isinstance(fact, facts.WaitBegan | facts.WaitEnded):
             return min(self._end(fact.task), self._end(fact.origin))
-        name = _FIELD_OF.get(type(fact))
-        return inf if name is None else self._end(getattr(fact, name))
+        if isinstance(fact, facts.Removed):
+            return inf
+        names = ["handler"] if isinstance(fact, facts.NotResolved) else ["task", "id", "monitor", "handler"]
+        return next((self._end(getattr(fact, name)) for name in names if hasattr(fact, name)), inf)
 
     def _end(self, number: int) -> float:
         return self._last[number] if 0 < number < len(self._last) else inf
