@@ -1,16 +1,9 @@
 """Whether an activity may run before its turn, by the facts that hold, are needed and are made."""
 
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
 
 from tca_coordination.model.situation import Fact
-
-
-class Clash(NamedTuple):
-    """A variable that two activities may not both have, and the state of the other one."""
-
-    variable: str
-    state: int
+from tca_wire.coordination import Objection, Reason
 
 
 class Reservations:
@@ -30,15 +23,12 @@ class Reservations:
             if not is_done:
                 self._being_made.setdefault(variable, state)
 
-    def clash(self, needs: Iterable[str], makes: Iterable[str]) -> Clash | None:
-        """The first variable that stands against an activity, if any."""
-        for variable in makes:
-            for reserved in (self._made, self._needed):
-                if variable in reserved:
-                    return Clash(variable, reserved[variable])
-        for variable in needs:
-            if variable in self._being_made:
-                return Clash(variable, self._being_made[variable])
+    def clash(self, state: int, needs: Iterable[str], makes: Iterable[str]) -> Objection | None:
+        """The first variable that stands against the activity of a state, if any."""
+        kept = ((variable, reserved) for variable in makes for reserved in (self._made, self._needed))
+        for variable, reserved in (*kept, *((variable, self._being_made) for variable in needs)):
+            if variable in reserved:
+                return Objection(state, Reason.CONFLICT, variable, reserved[variable])
         return None
 
 

@@ -218,7 +218,7 @@ class _Deciding:
         elif work.phase is WorkPhase.RUNNING:
             self._go_on(candidate, activity)
         elif work.phase is WorkPhase.DONE:
-            if objection := self._objection_to_result(state, activity):
+            if objection := self.before.clash(state, (), activity.makes):
                 self.decision.stops.append(objection)
             else:
                 self.unsettled -= activity.makes.keys()
@@ -281,14 +281,12 @@ class _Deciding:
             is_settled = variable not in self.unsettled and holds(variable, value, self.present.facts)
             if not is_settled and not (is_running and variable in activity.makes):
                 return Objection(state, Reason.NEEDS, variable)
-        if clash := self.before.clash(activity.needs, activity.makes):
-            return Objection(state, Reason.CONFLICT, clash.variable, clash.state)
-        return None
+        return self.before.clash(state, activity.needs, activity.makes)
 
     def _objection_to_start(self, state: int, activity: Activity) -> Objection | None:
         """What speaks against an activity that does not run yet."""
-        if clash := self.running.clash(activity.needs, activity.makes):
-            return Objection(state, Reason.CONFLICT, clash.variable, clash.state)
+        if clash := self.running.clash(state, activity.needs, activity.makes):
+            return clash
         if not activity.undo and (variable := harmed(activity, self.needed)):
             return Objection(state, Reason.BRANCH, variable, self.needed[variable])
         variable = next((variable for variable in activity.makes if variable in self.unsettled), None)
@@ -301,10 +299,4 @@ class _Deciding:
         """What is done stays while the current state does, and nothing that runs needs or makes the same variable."""
         if work.phase is not WorkPhase.DONE or self.present.is_new:
             return Objection(work.state, Reason.NOT_FORESEEN)
-        clash = self.running.clash((), self._activity(work.state).makes)
-        return Objection(work.state, Reason.CONFLICT, clash.variable, clash.state) if clash else None
-
-    def _objection_to_result(self, state: int, activity: Activity) -> Objection | None:
-        """What speaks against building on an activity that is done."""
-        clash = self.before.clash((), activity.makes)
-        return Objection(state, Reason.CONFLICT, clash.variable, clash.state) if clash else None
+        return self.running.clash(work.state, (), self._activity(work.state).makes)
