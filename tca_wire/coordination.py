@@ -5,6 +5,7 @@ which states it foresees, and which of its tasks are early; so a late observer, 
 """
 
 from enum import StrEnum
+from typing import TypeVar
 
 import msgspec
 
@@ -164,22 +165,22 @@ class CoordinationReport(msgspec.Struct, frozen=True):
     """The activities of the preview list that have not started early, and the objections."""
 
 
+_T = TypeVar("_T")
 _MARK = "#/$defs/CoordinationChart"
 
 
 def read_chart(data_format: str, body: bytes) -> CoordinationChart | None:
     """The machine that a task runs, by the format of its data; None if it runs none."""
-    if _MARK not in data_format:
-        return None
-    try:
-        return msgspec.msgpack.decode(body, type=CoordinationChart)
-    except (msgspec.MsgspecError, RecursionError):
-        return None
+    return _decoded(body, CoordinationChart) if _MARK in data_format else None
 
 
 def read_report(body: bytes) -> CoordinationReport | None:
     """A report of a coordinator; None if the bytes are none."""
+    return _decoded(body, CoordinationReport)
+
+
+def _decoded(body: bytes, kind: type[_T]) -> _T | None:
     try:
-        return msgspec.msgpack.decode(body, type=CoordinationReport)
+        return msgspec.msgpack.decode(body, type=kind)
     except (msgspec.MsgspecError, RecursionError):
         return None

@@ -3,19 +3,6 @@
 from tca_wire.journal.fact import BaseFact
 from tca_wire.points import ROOT, TaskId
 
-__all__ = [
-    "Attached",
-    "Caught",
-    "Failed",
-    "NotResolved",
-    "Recovered",
-    "Reissued",
-    "Removed",
-    "Resolved",
-    "Retried",
-    "Unhandled",
-]
-
 
 class Failed(BaseFact, frozen=True, tag="failed"):
     """A failure was raised on a task or message, or on what one receiver got: a copy of message *copy_of*.

@@ -29,7 +29,7 @@ class Wording:
         elif isinstance(fact, facts.Delivered | facts.Queued):
             self._names.setdefault(fact.id, self._names.get(fact.message_id) or self._known(fact.message_id))
         say = _SAY.get(type(fact))
-        return say(self, fact) if say else ""
+        return say(self, fact) if say else self.name(getattr(fact, fact.__struct_fields__[0]))
 
     def cause(self, cause: Cause) -> str:
         """The cause of an entry: ``Kill by user, in the handler of walk {1}``."""
@@ -173,10 +173,8 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Queued: lambda say, fact: (
         f"{say.name(fact.message_id)} for {place(fact.module, fact.resource) or 'a handler'}{_priority(fact.priority)}"
     ),
-    facts.Unqueued: lambda say, fact: say.name(fact.id),
     facts.Delivered: _delivered,
     facts.Returned: lambda say, fact: f"{say.name(fact.id)}: {fact.outcome}",
-    facts.Answered: lambda say, fact: say.name(fact.id),
     facts.Dropped: lambda _, fact: (
         f"{fact.message} {{{fact.id}}}{_copy_of(fact)}: {fact.why}{_after_colon(fact.where)}"
     ),
@@ -211,7 +209,6 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     ),
     facts.WaitEnded: lambda say, fact: f"{say.sender(fact.module, fact.origin)} for {_awaited(say, fact)}",
     facts.Claimed: Wording.claim,
-    facts.Granted: lambda say, fact: say.name(fact.id),
     facts.ClaimEnded: lambda say, fact: f"{say.name(fact.id)}: {fact.why}",
     facts.Failed: lambda say, fact: (
         f"{say.name(fact.id)}{_copy_of(fact)}: {fact.failure}{_after_colon(fact.text)}{raised_by(fact.by)}"
@@ -221,23 +218,19 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Caught: lambda say, fact: (
         f"{say.name(fact.task)} by {say.name(fact.handler)}, attached to {say.name(fact.at) if fact.at else 'the root'}"
     ),
-    facts.Reissued: lambda say, fact: say.name(fact.handler),
-    facts.Resolved: lambda say, fact: say.name(fact.handler),
     facts.NotResolved: lambda say, fact: (
         f"{say.name(fact.handler)} returned without dealing with the failure of {say.name(fact.task)}"
     ),
     facts.Unhandled: _unhandled,
-    facts.Recovered: lambda say, fact: say.name(fact.task),
     facts.Retried: lambda say, fact: say.name(fact.task) + by_whom(fact.by),
     facts.TapAdded: _tap,
     facts.TapFired: lambda say, fact: (
         f"{{{fact.tap}}} for {say.name(fact.tapped)}: {say.name(fact.listener) if fact.listener else 'nobody'}"
     ),
-    facts.WaitedFor: lambda say, fact: say.name(fact.monitor),
     facts.MonitorTested: lambda say, fact: f"{say.name(fact.monitor)}: {'holds' if fact.holds else 'does not hold'}",
     facts.MonitorEnded: lambda say, fact: f"{say.name(fact.monitor)}: {fact.why}",
 }
-"""The wording of each kind of fact."""
+"""The wording of each kind of fact that is told by more than the name of what it is about, its first field."""
 
 
 def fields_of(fact: facts.Fact) -> dict[str, object]:
