@@ -49,6 +49,13 @@ SIZE = _Measure("size", {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1
 log_argument = click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
 force_option = click.option("--force", is_flag=True, help="Write over a file that no command of tca has made, too.")
 
+
+def output_option(kinds: str, *, required: bool = False) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """The file of a command's result; *kinds*: the help."""
+    path = click.Path(path_type=Path, dir_okay=False)
+    return click.option("-o", "--output", type=path, required=required, help=kinds)
+
+
 _SHARED = (
     log_argument,
     click.option("--from", "start", metavar="SECONDS", type=MOMENT, help="Only what went on from then on."),

@@ -12,6 +12,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+import click
+
 from tca_tools.errors import ToolError
 from tca_wire.journal.records import SEGMENT_SUFFIX
 from tca_wire.text.printable import printable
@@ -75,6 +77,11 @@ def write_output(path: Path, content: str | bytes) -> None:
     """Write a whole file, with our mark, or leave what was there. Raises ToolError if it can't be written."""
     with new_file(path) as stream:
         stream.write(_marked(path.suffix, content if isinstance(content, bytes) else content.encode()))
+
+
+def show_text(text: str, path: Path | None) -> None:
+    """Print a text, or write it without its colours to a file. Raises ToolError if it can't be written."""
+    click.echo(text) if path is None else write_output(path, f"{click.unstyle(text)}\n")
 
 
 @contextmanager

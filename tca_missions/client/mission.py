@@ -326,18 +326,15 @@ class BaseMission:
         Values must be plain data. A step that was under way when the program died raises StepUncertain, unless it was
         one task that completed. The steps of a mission that has come to its end are forgotten.
         """
-        return self._do_step(name, function, lambda: function(*args, **parameters), again=False)
+        return self._opened_steps().run(name, function, lambda: function(*args, **parameters), again=False)
 
     def repeatable_step(self, name: str, function: Callable[P, T], /, *args: P.args, **parameters: P.kwargs) -> T:
         """As ``step``, but one that was under way when the program died is done again."""
-        return self._do_step(name, function, lambda: function(*args, **parameters), again=True)
+        return self._opened_steps().run(name, function, lambda: function(*args, **parameters), again=True)
 
     def skip_step(self, name: str) -> None:
         """Take a step as completed, with the value None."""
         self._opened_steps().skip(name)
-
-    def _do_step(self, name: str, function: Callable[..., T], call: Callable[[], T], *, again: bool) -> T:
-        return self._opened_steps().run(name, function, call, again=again)
 
     def _opened_steps(self) -> Steps:
         self._check_open()

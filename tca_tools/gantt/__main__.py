@@ -11,8 +11,8 @@ from tca_tools.gantt.chart import Chart
 from tca_tools.gantt.svg import page_text, svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.gantt.window import ROOM, Pick
-from tca_tools.options import Asked, check_output, check_span, shared_options
-from tca_tools.output import write_output
+from tca_tools.options import Asked, check_output, check_span, output_option, shared_options
+from tca_tools.output import show_text, write_output
 from tca_tools.run.fold import folded, no_garbage
 from tca_tools.run.journals import open_log
 from tca_tools.run.records import OVER, Task
@@ -30,7 +30,7 @@ _WIDTH = 120
 @click.command()
 @shared_options
 @click.option("--story", metavar="TASK", help="Only this task, what is under it and, paler, what it waited for.")
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help=".svg, .png, .pdf, .html or .txt")
+@output_option(".svg, .png, .pdf, .html or .txt")
 @click.option("--ascii", "as_ascii", is_flag=True, help="Draw bars with ASCII characters.")
 def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: bool) -> None:
     """Show what every module did when.
@@ -49,8 +49,7 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
     title = _title(journal.name, drawing, asked.task, story, is_live=history.is_live and drawing.end >= history.time)
     width = _WIDTH if output else line_width() or _WIDTH
     if output is None or output.suffix == ".txt":
-        lines = "\n".join([cut(title, width), *chart_lines(drawing, width, blocks)])
-        click.echo(lines) if output is None else write_output(output, click.unstyle(lines) + "\n")
+        show_text("\n".join([cut(title, width), *chart_lines(drawing, width, blocks)]), output)
     elif output.suffix == ".html":
         write_output(output, page_text(drawing, title))
     else:

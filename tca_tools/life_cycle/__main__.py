@@ -9,8 +9,8 @@ from tca_tools.drawing.page import zoomed_page
 from tca_tools.life_cycle.dot import dot_source
 from tca_tools.life_cycle.found import meant
 from tca_tools.life_cycle.table import table_lines
-from tca_tools.options import check_output, force_option
-from tca_tools.output import made_for, write_output
+from tca_tools.options import check_output, force_option, log_argument, output_option
+from tca_tools.output import made_for, show_text, write_output
 from tca_tools.terminal import line_width
 from tca_wire.life_cycles import LifeCycle
 
@@ -19,13 +19,8 @@ KINDS = (".svg", ".png", ".pdf", ".html", ".dot", ".txt")
 
 @click.command()
 @click.argument("what", metavar="[WHAT]", default="general")
-@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="A diagram: .svg, .png, .pdf, .html or .dot; or the table as .txt.",
-)
+@log_argument
+@output_option("A diagram: .svg, .png, .pdf, .html or .dot; or the table as .txt.")
 @force_option
 def lifecycle(what: str, log_path: Path | None, output: Path | None, *, force: bool) -> None:
     """Show the life cycle of tasks: as a table, or with -o as a diagram.
@@ -38,10 +33,7 @@ def lifecycle(what: str, log_path: Path | None, output: Path | None, *, force: b
     found = meant(what, log_path)
     if output is None or output.suffix == ".txt":
         text = "\n\n".join("\n".join(table_lines(one, None if output else line_width())) for one in found)
-        if output is None:
-            click.echo(text)
-        else:
-            write_output(output, f"{text}\n")
+        show_text(text, output)
         return
     if len(found) > 1:
         names = ", ".join(one.name for one in found)

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from tca_tools.errors import DamagedLog, ToolError
-from tca_tools.options import check_output, force_option, log_argument
+from tca_tools.options import check_output, force_option, log_argument, output_option
 from tca_tools.output import write_output
 from tca_tools.run.fold import folded
 from tca_tools.run.journals import Log, open_log
@@ -14,7 +14,7 @@ from tca_wire.text.missing import missing_package
 
 @click.command()
 @log_argument
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The file, .html.")
+@output_option("The file, .html.", required=True)
 @force_option
 def report(log_path: Path | None, output: Path, *, force: bool) -> None:
     """Write a run down as one HTML file: outcome, failures, where time went, what would help, chart and tree.

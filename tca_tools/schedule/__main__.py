@@ -7,8 +7,8 @@ import click
 from tca_tools.drawing.pictures import converted
 from tca_tools.errors import NotInLog
 from tca_tools.gantt.cells import ASCII, UNICODE
-from tca_tools.options import check_output, force_option
-from tca_tools.output import write_output
+from tca_tools.options import check_output, force_option, output_option
+from tca_tools.output import show_text, write_output
 from tca_tools.run.fold import folded
 from tca_tools.run.journals import open_log
 from tca_tools.schedule.build import AgentSchedule, schedules
@@ -23,7 +23,7 @@ _WIDTH = 120
 
 @click.command()
 @click.argument("log_paths", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help=".svg, .png, .pdf or .txt")
+@output_option(".svg, .png, .pdf or .txt")
 @force_option
 def schedule(log_paths: tuple[Path, ...], output: Path | None, *, force: bool) -> None:
     """Show what the agents of coordinators with a preview did when, on one axis.
@@ -41,7 +41,7 @@ def schedule(log_paths: tuple[Path, ...], output: Path | None, *, force: bool) -
     if output is None or output.suffix == ".txt":
         blocks = UNICODE if output or can_show("".join(UNICODE.values())) else ASCII
         lines = "\n".join(schedule_lines(some, _WIDTH if output else line_width() or _WIDTH, blocks))
-        click.echo(lines) if output is None else write_output(output, click.unstyle(lines) + "\n")
+        show_text(lines, output)
     else:
         svg = svg_text(some)
         write_output(output, svg if output.suffix == ".svg" else converted(svg, output.suffix[1:]))

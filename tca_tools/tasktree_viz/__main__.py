@@ -4,10 +4,10 @@ from pathlib import Path
 
 import click
 
-from tca_tools.options import Asked, check_output, check_span, shared_options
-from tca_tools.output import write_output
+from tca_tools.options import Asked, check_output, check_span, output_option, shared_options
+from tca_tools.output import show_text
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.fold import History, folded
+from tca_tools.run.fold import folded
 from tca_tools.run.journals import open_log
 from tca_tools.run.selection import Forest, check_modules, one_message, part_of, tasks_called
 from tca_tools.tasktree_viz import words
@@ -25,12 +25,7 @@ _DRAWN, _MOST_DRAWN, _MOST_IN_FIGURE = 120, 240, 60
 @click.command()
 @shared_options
 @click.option("--story", metavar="TASK", help="The story of this task (or query, ...), and of its failure.")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help=".svg, .png, .pdf, .html, .dot or .txt",
-)
+@output_option(".svg, .png, .pdf, .html, .dot or .txt")
 @click.option("--layout", type=click.Choice(LAYOUTS), default="auto", help="How pictures look [auto: by their size].")
 @click.option("--data", is_flag=True, help="Show the tasks' data and results, too.")
 @click.option("--all", "everything", is_flag=True, help="Fold up nothing of a large tree.")
@@ -46,7 +41,8 @@ def tree(
     journal = open_log(asked.log_path)
     history = folded(journal, asked.at, with_turns=story is not None)
     if story:
-        _tell(history, story, output)
+        lines = story_lines(history, one_message(history, story), None if output else line_width())
+        show_text("\n".join(lines), output)
     else:
         at = RunAt.by_clock(history, asked.at, history.time)
         forest = _forest(at, asked)
@@ -61,16 +57,6 @@ def tree(
         else:
             write_tree(output, at, rows, title, guides, layout=layout, with_data=data)
     journal.check()
-
-
-def _tell(history: History, story: str, output: Path | None) -> None:
-    """Print or write the story of a task, or of another message."""
-    lines = story_lines(history, one_message(history, story), None if output else line_width())
-    text = "\n".join(lines)
-    if output is None:
-        click.echo(text)
-    else:
-        write_output(output, click.unstyle(text) + "\n")
 
 
 def _forest(at: RunAt, asked: Asked) -> Forest:

@@ -11,10 +11,11 @@ from operator import itemgetter
 
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.coordinators import STANDINGS as PREVIEWED
-from tca_tools.run.fates import HANDLED, STANDINGS, WATCHING
+from tca_tools.run.fates import STANDINGS
 from tca_tools.run.records import TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows, in_words
+from tca_tools.tasktree_viz.looks import LOOKS
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut
 from tca_wire.coordination import TaskRole
@@ -22,23 +23,7 @@ from tca_wire.points import Interval
 from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Role
 
-FILLS: dict[str, str] = {
-    TaskState.HELD: "#ffffff",
-    TaskState.QUEUED: "#fff3c4",
-    TaskState.PLANNING: "#e9d8fd",
-    TaskState.PLANNED: "#d6e4ff",
-    TaskState.HANDLING: "#ffcf70",
-    TaskState.ACHIEVING: "#ffe4b0",
-    WATCHING: "#cdeef2",
-    TaskState.ACHIEVED: "#cfeccb",
-    TaskState.RESOLVED: "#e3e04f",
-    TaskState.RECOVERING: "#ffc9a3",
-    TaskState.SUSPENDED: "#e6e6c8",
-    TaskState.ENDING: "#e8c4c0",
-    TaskState.FAILED: "#f28b82",
-    HANDLED: "#dfae3f",
-    TaskState.KILLED: "#d5d5d5",
-}
+FILLS = {standing: fill for standing, (fill, _) in LOOKS.items()}
 _INK, _FAINT, _HEAVY = "#1f2933", "#52606d", "#0b4f8a"
 _LONGEST_NAME, _LONGEST_DATA, _LONGEST_NOTE, _MOST_LINES = 36, 48, 160, 3
 _LOOKS = f"""\

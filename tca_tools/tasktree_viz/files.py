@@ -9,7 +9,7 @@ from tca_tools.drawing.graphviz import drawn
 from tca_tools.drawing.page import zoomed_page
 from tca_tools.drawing.pictures import converted
 from tca_tools.errors import NoPicture
-from tca_tools.output import made_for, write_output
+from tca_tools.output import made_for, show_text, write_output
 from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import Row
@@ -30,8 +30,7 @@ def write_tree(
     """Write the kind of file that its name asks for. Raises ToolError if that can't be done."""
     kind = output.suffix
     if kind == ".txt":
-        lines = [title, *tree_lines(at, rows, guides=guides, with_data=with_data)]
-        write_output(output, click.unstyle("\n".join(lines)) + "\n")
+        show_text("\n".join([title, *tree_lines(at, rows, guides=guides, with_data=with_data)]), output)
         return
     if kind == ".dot":
         write_output(output, dot_source(at, rows, title, with_data=with_data))

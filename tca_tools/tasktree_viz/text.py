@@ -6,30 +6,14 @@ from dataclasses import dataclass
 import click
 
 from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.fates import HANDLED, WATCHING
 from tca_tools.run.records import TaskState
 from tca_tools.tasktree_viz import words
+from tca_tools.tasktree_viz.looks import LOOKS
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut, cut_name, padded
 from tca_wire.points import Interval
 
-COLOURS: dict[str, str] = {
-    TaskState.HELD: "bright_black",
-    TaskState.QUEUED: "yellow",
-    TaskState.PLANNING: "magenta",
-    TaskState.PLANNED: "blue",
-    TaskState.HANDLING: "cyan",
-    TaskState.ACHIEVING: "cyan",
-    WATCHING: "cyan",
-    TaskState.ACHIEVED: "green",
-    TaskState.RESOLVED: "bright_yellow",
-    TaskState.RECOVERING: "bright_red",
-    TaskState.SUSPENDED: "yellow",
-    TaskState.ENDING: "bright_red",
-    TaskState.FAILED: "red",
-    HANDLED: "yellow",
-    TaskState.KILLED: "red",
-}
+COLOURS = {standing: colour for standing, (_, colour) in LOOKS.items()}
 _WIDEST_NAME, _WIDEST_WITHOUT_END = 48, 64
 """Columns that guides and name may take: of a terminal, and where lines have no end."""
 _SHORTEST_NAME = 20
