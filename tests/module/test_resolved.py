@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from module.real_central import SOON, Gate
 
 from tca_module import (
     Client,
@@ -12,228 +13,132 @@ from tca_module import (
     ExceptionHandler,
     Failure,
     Goal,
-    LaterReply,
     Module,
     Outcome,
     Recovery,
-    Refused,
     Task,
     TaskFailed,
-    connect,
 )
-from tca_module.testing import LocalCentral
 
-SOON = 5.0
-SLIP, JAM = Failure("slip"), Failure("jam")
+DONE, FAILED, RESOLVED = Outcome.DONE, Outcome.FAILED, Outcome.RESOLVED
+SLIP = Failure("slip")
 WALK, STEP, SWING, MEND = Goal("walk"), Command("step"), Command("swing"), Command("mend")
 WEIGH: Command[None, float | None] = Command("weigh", result=float | None)
-LOOK = ExceptionHandler("look")
+SLOW: Command[None, float | None] = Command("weigh slowly", result=float | None)
+LOOK, TREAT = ExceptionHandler("look"), ExceptionHandler("treat")
+ON_SLIP = [Recovery(SLIP, LOOK)]
 
 
 class Robot:
     """Its *looks* say what the exception handler does, one call after the other."""
 
-    def __init__(self, central: LocalCentral) -> None:
-        self.said: list[str] = []
+    def __init__(self, legs: Module, eyes: Module) -> None:
         self.looks: list[Any] = []
-        self.mends = True
-        self.legs, self.expert, self.helper = (Module(name, central) for name in ("legs", "expert", "helper"))
-        self.legs.resource("walk")
-        self.legs.handles(WALK, resource="walk")(self.walk)
-        for name, failing in ((STEP, True), (SWING, False)):
-            self.legs.handles(name)(lambda task, failing=failing: self.move(task, failing))
-        self.legs.handles(WEIGH)(lambda task: self.move(task, True))
-        self.expert.handles(LOOK)(self.look)
-        self.helper.handles(MEND)(self.mend)
+        self.done: list[str] = []
+        self.scales = Gate()
+        legs.handles(WALK, resource="planner")(self.walk)
+        for message in (STEP, WEIGH, SWING, MEND):
+            legs.handles(message, resource=message.name)(self.move)
+        legs.handles(SLOW, resource="scales")(self.scales)
+        eyes.handles(LOOK)(lambda task: self.looks.pop(0)(task))  # noqa: PLW0108 - one for each call
+        eyes.handles(TREAT)(treat)
 
     def walk(self, task: Task) -> None:
         with task.sequence():
             task.command(STEP)
             task.command(SWING)
 
-    def move(self, task: Task, failing: bool) -> None:
-        self.said.append(task.message)
-        if failing:
+    def move(self, task: Task) -> None:
+        self.done.append(task.message)
+        if task.message in ("step", "weigh"):
             raise SLIP(text="on ice")
-
-    def look(self, task: Task) -> Any:
-        return self.looks.pop(0)(task)
-
-    def mend(self, _: Task) -> None:
-        if not self.mends:
-            raise JAM(text="it does not move")
 
 
 @pytest.fixture
-def robot() -> Iterator[tuple[Robot, Client]]:
-    with LocalCentral(check=True) as central:
-        robot = Robot(central)
-        with (
-            robot.legs.running(),
-            robot.expert.running(),
-            robot.helper.running(),
-            connect("user", central) as user,
-        ):
-            yield robot, user
+def them(legs: Module, eyes: Module) -> Iterator[Robot]:
+    robot = Robot(legs, eyes)
+    with legs.running(), eyes.running():
+        yield robot
+    assert not robot.looks
+
+
+async def treat(task: Task) -> None:
+    await task.command(MEND)
+    task.trouble.resolved()
 
 
 def observe(_: Task) -> None:
     pass
 
 
-def stop(task: Task) -> None:
-    task.command(MEND)
-
-
 def resolve(task: Task) -> None:
-    assert task.trouble.resolved()
+    assert [task.trouble.resolved(), task.trouble.resolved()] == [True, True]
 
 
-def test_failure_that_is_only_observed_ends_the_walk(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
-    them.looks = [observe, stop]
+def kill(task: Task) -> None:
+    task.trouble.failing.kill()
+    assert not task.trouble.resolved()
+
+
+def retry(task: Task) -> None:
+    task.trouble.failing.retry()
+    assert not task.trouble.resolved()
+
+
+def answer_later(task: Task) -> Any:
+    resolve(task)
+    later = task.reply_later()
+    threading.Timer(0, later.reply).start()
+    return later
+
+
+@pytest.mark.parametrize(
+    ("looks", "outcome"),
+    [([resolve], RESOLVED), ([answer_later], RESOLVED), ([retry, resolve], RESOLVED), ([kill], FAILED)],
+)
+def test_a_failure_ends_as_its_handlers_say(them: Robot, user: Client, looks: list[Any], outcome: Any) -> None:
+    them.looks = looks[:]
+    assert user.command(STEP, on_failure=ON_SLIP).wait(SOON) is outcome
+
+
+def test_an_async_handler_resolves(them: Robot, user: Client) -> None:
+    assert user.command(STEP, on_failure=[Recovery(SLIP, TREAT)]).wait(SOON) is RESOLVED
+
+
+def test_failure_that_is_only_observed_ends_the_walk(them: Robot, user: Client) -> None:
+    them.looks = [observe]
     user.on_failure(None, LOOK)
-    for _ in range(2):
-        walk = user.goal(WALK)
-        assert walk.wait(SOON) is Outcome.FAILED
-        with pytest.raises(TaskFailed, match="'look' returned without dealing with it"):
-            walk.result(SOON)
-    assert them.said == ["step"] * 2  # and never the swing after it
+    with pytest.raises(TaskFailed, match="'look' returned without dealing with it"):
+        user.goal(WALK).result(SOON)
+    assert "swing" not in them.done
 
 
-def test_resolved_failure_lets_the_walk_go_on(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
+def test_resolved_failure_lets_the_walk_go_on(them: Robot, user: Client) -> None:
     them.looks = [resolve, resolve]
-    step = user.command(STEP, on_failure=[Recovery(SLIP, LOOK)])
+    step = user.command(STEP, on_failure=ON_SLIP)
     ends = [(change.state, change.transition, change.outcome) for change in step.changes(SOON) if change.is_over]
     assert step.result(SOON) is None
-    assert ends == [("done", Outcome.RESOLVED, Outcome.RESOLVED)]
-    walk = user.goal(WALK, on_failure=[Recovery(SLIP, LOOK)])
-    assert walk.wait(SOON) is Outcome.DONE
-    assert them.said == ["step", "step", "swing"]
+    assert ends == [("done", RESOLVED, RESOLVED)]
+    assert user.goal(WALK, on_failure=ON_SLIP).wait(SOON) is DONE
+    assert them.done == ["step", "step", "swing"]
 
 
-def test_result_of_a_resolved_task_is_an_error_when_declared(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
+def test_result_of_a_resolved_task_is_an_error_when_declared(them: Robot, user: Client) -> None:
     them.looks = [resolve]
-    weighed = user.command(WEIGH, on_failure=[Recovery(SLIP, LOOK)])
-    assert weighed.wait(SOON) is Outcome.RESOLVED
     with pytest.raises(TaskFailed, match="resolved it") as caught:
-        weighed.result(SOON)
+        user.command(WEIGH, on_failure=ON_SLIP).result(SOON)
     assert caught.value.failure == "slip"
 
 
-def test_failure_beside_a_handler_is_resolved_or_ends_the_task(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
-    go_on, calls = threading.Event(), threading.Semaphore(0)
-    scales = Module("scales", them.legs.central)
-    slow: Command[None, float | None] = Command("weigh slowly", result=float | None)
-    scales.handles(slow)(lambda _: go_on.wait(SOON) and None)
-    with scales.running():
-        for look, outcome in ((resolve, Outcome.RESOLVED), (observe, Outcome.FAILED)):
-            go_on.clear()
-
-            def looked(task: Task, look: Any = look) -> None:
-                look(task)
-                calls.release()
-
-            them.looks = [looked]
-            weighed = user.command(slow, on_failure=[Recovery(SLIP, LOOK)])
-            assert weighed.wait_for_state("running", timeout=SOON) == "running"
-            assert weighed.fail(SLIP())
-            assert calls.acquire(timeout=SOON)
-            go_on.set()
-            assert weighed.wait(SOON) is outcome
-            if outcome is Outcome.RESOLVED:
-                assert weighed.result(SOON) is None  # its handler has returned that
-
-
-def test_resolved_counts_only_if_the_recovery_ends_well(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
-
-    def mend(task: Task) -> None:
-        resolve(task)
-        task.command(MEND, on_failure=[Recovery(JAM, LOOK)])
-
-    for mends, looks, outcome in (
-        (True, [mend], Outcome.RESOLVED),
-        (False, [mend, resolve], Outcome.RESOLVED),
-        (False, [mend, observe], Outcome.FAILED),
-    ):
-        them.mends, them.looks = mends, looks
-        assert user.command(STEP, on_failure=[Recovery(SLIP, LOOK)]).wait(SOON) is outcome
-
-
-def test_reissue_and_errors_overrule_resolved(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
-
-    def reissue(task: Task) -> None:
-        resolve(task)
-        raise task.trouble.reissue()
-
-    def fail(task: Task) -> None:
-        resolve(task)
-        raise ValueError
-
-    for look in (reissue, fail):
-        them.looks = [look]
-        assert user.command(STEP, on_failure=[Recovery(SLIP, LOOK)]).wait(SOON) is Outcome.FAILED
-
-
-def test_resolved_says_whether_it_counts(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
-    kept = []
-
-    def twice(task: Task) -> None:
-        kept.append(task.trouble)
-        assert (task.trouble.resolved(), task.trouble.resolved()) == (True, True)
-
-    def killed(task: Task) -> None:
-        task.trouble.failing.kill()
-        assert not task.trouble.resolved()
-
-    def retried(task: Task) -> None:
-        task.trouble.failing.retry()
-        assert not task.trouble.resolved()
-
-    def late(task: Task) -> None:
-        with pytest.raises(Refused, match="has returned"):
-            kept[0].resolved()
-        task.trouble.resolved()
-
-    for looks, outcome in (
-        ([twice], Outcome.RESOLVED),
-        ([killed], Outcome.FAILED),
-        ([retried, late], Outcome.RESOLVED),
-    ):
-        them.looks = [*looks]
-        assert user.command(STEP, on_failure=[Recovery(SLIP, LOOK)]).wait(SOON) is outcome
-        assert not them.looks
-
-
-def test_later_reply_of_an_exception_handler_resolves(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
-    later: list[LaterReply[None]] = []
-
-    def answer_later(task: Task) -> LaterReply[None]:
-        resolve(task)
-        later.append(task.reply_later())
-        threading.Timer(0, later[0].reply).start()
-        return later[0]
-
-    them.looks = [answer_later]
-    assert user.command(STEP, on_failure=[Recovery(SLIP, LOOK)]).wait(SOON) is Outcome.RESOLVED
-
-
-def test_async_handler_resolves(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
-    nurse = Module("nurse", them.legs.central)
-    treat = ExceptionHandler("treat")
-
-    @nurse.handles(treat)
-    async def treated(task: Task) -> None:
-        await task.command(MEND)
-        task.trouble.resolved()
-
-    with nurse.running():
-        assert user.command(STEP, on_failure=[Recovery(SLIP, treat)]).wait(SOON) is Outcome.RESOLVED
+@pytest.mark.parametrize(("look", "outcome"), [(resolve, RESOLVED), (observe, FAILED)])
+def test_failure_beside_a_handler_is_resolved_or_ends_it(them: Robot, user: Client, look: Any, outcome: Any) -> None:
+    looked = threading.Event()
+    them.looks = [lambda task: [look(task), looked.set()][0]]  # type: ignore[func-returns-value]
+    weighed = user.command(SLOW, on_failure=ON_SLIP)
+    assert them.scales.begun.wait(SOON)
+    weighed.fail(SLIP())
+    assert looked.wait(SOON)
+    them.scales.go_on.set()
+    assert weighed.wait(SOON) is outcome
+    if outcome is RESOLVED:
+        assert weighed.result(SOON) is None  # its handler has returned that
