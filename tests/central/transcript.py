@@ -19,7 +19,7 @@
     NAME: declare CLASS MESSAGE of PART, PART ... (monitors)
     NAME: await the last N (what the coroutine that it handles asked last; 0: it goes on)
     NAME: await MESSAGE, ... (to handle MESSAGE then) | set VARIABLE NUMBER | swap VARIABLE NUMBER | get VARIABLE
-    lose NAME | garbage NAME | pass SECONDS | tree
+    lose NAME | garbage NAME | pass SECONDS | tree | limits LISTENERS DEPTH (in a row, and of tasks)
 
 ``here``: the handler that NAME runs does nothing else until the answer is there.
 A point is ``end achieving 3``, ``start planning this``, or a number of seconds from now; ``POINT + 2`` is two seconds
@@ -42,6 +42,7 @@ from central.transcript_words import (
     read_watch,
 )
 
+from tca_central.events import LimitsSet
 from tca_central.order.holds import held_counts
 from tca_wire.constraints import Flags
 from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, Transition, ending
@@ -297,6 +298,9 @@ class Transcript:
     def garbage(self, name: str) -> list[Any]:
         return [effect.header for effect in self.player.garbage(name) if hasattr(effect, "header")]
 
+    def limits(self, taps: str, depth: str) -> None:
+        self.player.event(LimitsSet(self.player.time, 512 << 20, int(taps), int(depth)))
+
     def tree(self) -> str:
         tree, lines = self.player.central.tree, []
         for task in list(tree.subtree(tree.root))[1:]:
@@ -363,5 +367,6 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: release", Transcript.release),
     (rf"{NAME}: unlock (?P<resource>\w+)", Transcript.unlock),
     (r"tree", lambda _: None),
+    (r"limits (?P<taps>\d+) (?P<depth>\d+)", Transcript.limits),
     (rf"{NAME}: (?P<what>(?:{CLASSES}) \w+)(?P<options>.*)", Transcript.send),
 ]  # fmt: skip
