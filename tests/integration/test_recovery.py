@@ -290,15 +290,6 @@ def test_numbers_that_are_passed_over_after_a_power_cut_are_on_the_disk_before_a
         folder.close()
 
 
-def test_a_damaged_input_is_not_passed_over(broken_run: Path) -> None:
-    inputs = broken_run / "00000001.tcai"
-    whole = bytearray(inputs.read_bytes())
-    whole[len(whole) // 2] ^= 1
-    inputs.write_bytes(whole)
-    with pytest.raises(CentralError, match=r"00000001.tcai, byte \d+: an input is damaged, and others follow it"):
-        recover(broken_run, unfinished(broken_run))
-
-
 def test_a_run_is_handled_again_by_todays_core_and_the_first_difference_is_shown(broken_run: Path) -> None:
     same = tca("check", "--rerun", str(broken_run))
     assert same.returncode == 0, same.stderr
@@ -432,21 +423,6 @@ def test_a_folder_in_the_place_of_a_file_is_named(broken_run: Path) -> None:
     (broken_run / "00000002.tcai").mkdir()
     with pytest.raises(CentralError, match=r"00000002\.tcai: Is a directory: name another folder"):
         RunFolder(broken_run)
-
-
-def test_who_removes_the_inputs_is_told_that_nothing_goes_on(
-    broken_run: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    for path in broken_run.glob("*.tcai"):
-        path.unlink()
-    folder = RunFolder(broken_run)
-    server = Daemon(folder.central, f"ipc://{broken_run}/c.sock")
-    try:
-        folder.open(server, Sync.BATCH)
-    finally:
-        server.close()
-        folder.close()
-    assert "no inputs (*.tcai)" in caplog.text
 
 
 def test_a_damaged_head_of_the_inputs_does_not_lose_the_run_without_a_word(broken_run: Path) -> None:
