@@ -1,31 +1,19 @@
 """A handler lets time pass: on a clock that the test steps, heard by a kill, without drift."""
 
 import threading
-from collections.abc import Iterator
 
 import pytest
 
-from tca_module import Client, Command, Module, Outcome, Task, connect
+from tca_module import Client, Command, Module, Outcome, Task
 from tca_module.testing import LocalCentral
 
 WORK, OTHER = Command("work"), Command("other")
-
-
-@pytest.fixture
-def central() -> Iterator[LocalCentral]:
-    with LocalCentral(check=True, stepped=True) as central:
-        yield central
+STEPPED = True  # the clock of central
 
 
 @pytest.fixture
 def legs(central: LocalCentral) -> Module:
     return Module("legs", central, capacity=2)
-
-
-@pytest.fixture
-def user(central: LocalCentral) -> Iterator[Client]:
-    with connect("user", central) as client:
-        yield client
 
 
 def test_a_handler_sleeps_on_the_clock_of_the_test(central: LocalCentral, user: Client, legs: Module) -> None:

@@ -2,7 +2,7 @@
 
 import asyncio
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -30,23 +30,7 @@ WALK, STEP, REST = Goal("walk", int), Command("step", int), Command("rest")
 STEER, SAY, NEVER = Query("steer", int, reply=int), Inform("say", str), Query("never", reply=int)
 IS_LOW = Query("is low", reply=bool)
 BATTERY = PollingMonitor("battery", condition=IS_LOW, action=REST)
-
-
-@pytest.fixture
-def central() -> Iterator[LocalCentral]:
-    with LocalCentral(check=True, stepped=True) as central:
-        yield central
-
-
-@pytest.fixture
-def legs(central: LocalCentral) -> Module:
-    return Module("legs", central)
-
-
-@pytest.fixture
-def user(central: LocalCentral) -> Iterator[Client]:
-    with connect("user", central) as client:
-        yield client
+STEPPED = True  # the clock of central
 
 
 def test_the_clock_stands_still_until_it_is_stepped(central: LocalCentral, user: Client, legs: Module) -> None:
@@ -281,32 +265,29 @@ def test_wrong_arguments(central: LocalCentral) -> None:
 
 def slept(central: LocalCentral) -> list[str]:
     """The order in which two modules wake, with three threads and a timer each, whose sleeps end together."""
-    modules = [Module(name, central) for name in ("ear", "legs", "arm")]
-    modules[0].handles(SAY)(lambda *_: None)
-    moves = [Command(f"move {module.name}", int) for module in modules[1:]]
-    for module, move in zip(modules[1:], moves, strict=True):
-        module.resource("feet", capacity=3)
+    said: list[str] = []
 
-        @module.handles(move, resource="feet")
-        def sleep(task: Task, number: int) -> None:
-            task.sleep(1)
-            task.inform(SAY, f"{task.message} {number}")
+    def sleep(task: Task, number: int) -> None:
+        task.sleep(1)
+        said.append(f"{task.message} {number}")
 
-        module.every(1)(lambda callback, name=module.name: callback.inform(SAY, f"tick {name}"))
-    with modules[0].running(), modules[1].running(), modules[2].running(), connect("user", central) as user:
-        for number in range(3):
-            for move in reversed(moves):
-                user.command(move, number, sequential=False)
+    moves = {Module(name, central, capacity=3): Command(name, int) for name in ("legs", "arm")}
+    legs, arm = moves
+    for module, move in moves.items():
+        module.handles(move)(sleep)
+        module.every(1)(lambda name=module.name: said.append(f"tick {name}"))
+    with legs.running(), arm.running(), connect("user", central) as user:
+        for number in range(6):
+            user.command(moves[legs if number % 2 else arm], number // 2, sequential=False)
         central.until_quiet()
         central.advance(1)
-        return [line.split('"')[1] for line in central.transcript().splitlines() if " received: inform" in line]
+    return said
 
 
 def test_sleeps_that_end_together_end_in_the_declared_order() -> None:
-    moves = [f"move {name} {number}" for name in ("legs", "arm") for number in range(3)]
     for _ in range(20):
         with LocalCentral(stepped=True) as central:
-            assert slept(central) == [*moves[:3], "tick legs", *moves[3:], "tick arm"]
+            assert slept(central) == ["legs 0", "legs 1", "legs 2", "tick legs", "arm 0", "arm 1", "arm 2", "tick arm"]
 
 
 @pytest.mark.parametrize("is_killed", [False, True])
