@@ -2,7 +2,7 @@
 
 import asyncio
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 from module.real_central import SOON
@@ -30,15 +30,15 @@ def owed(legs: Module, user: Client) -> Iterator[Owed]:
         assert user.query(WHERE, timeout=SOON) == 5
 
 
-def begun(user: Client, central: LocalCentral) -> SentTask[int]:
+@pytest.fixture
+def sent(owed: Owed, user: Client, central: LocalCentral) -> SentTask[int]:
     """A move whose handler has returned."""
     sent = user.command(MOVE, 1)
     central.until_quiet()
     return sent
 
 
-def test_a_dropped_reply_fails_as_forgotten(owed: Owed, user: Client, central: LocalCentral) -> None:
-    sent = begun(user, central)
+def test_a_dropped_reply_fails_as_forgotten(sent: SentTask[int], owed: Owed) -> None:
     owed.clear()
     with pytest.raises(TaskFailed, match="keep it until you have called") as failed:
         sent.result(SOON)
@@ -56,8 +56,7 @@ def test_a_reply_that_is_never_kept_is_forgotten(legs: Module, user: Client, *, 
         user.command(MOVE, 1).result(SOON)
 
 
-def test_a_dropped_reply_of_a_killed_task_just_ends(owed: Owed, user: Client, central: LocalCentral) -> None:
-    sent = begun(user, central)
+def test_a_dropped_reply_of_a_killed_task_just_ends(sent: SentTask[int], owed: Owed, central: LocalCentral) -> None:
     sent.kill("enough")
     central.until_quiet()
     assert owed[0].cancelled
@@ -67,9 +66,8 @@ def test_a_dropped_reply_of_a_killed_task_just_ends(owed: Owed, user: Client, ce
 
 @pytest.mark.parametrize("does_reply", [False, True])
 def test_an_accepted_cancel_leaves_nothing_owed(
-    owed: Owed, user: Client, central: LocalCentral, *, does_reply: bool
+    sent: SentTask[int], owed: Owed, central: LocalCentral, *, does_reply: bool
 ) -> None:
-    sent = begun(user, central)
     sent.cancel("enough")
     central.until_quiet()
     assert owed[0].request is not None
@@ -79,31 +77,22 @@ def test_an_accepted_cancel_leaves_nothing_owed(
     assert (sent.wait(SOON), sent.state, owed[0].is_open) == (Outcome.KILLED, "cancelled", False)
 
 
-def replies(later: LaterReply[int]) -> LaterReply[int]:
-    later.reply(4)
-    return later
-
-
-def fails(_: LaterReply[int]) -> LaterReply[int]:
-    raise ValueError
-
-
-@pytest.mark.parametrize(("ends", "outcome"), [(replies, Outcome.DONE), (fails, Outcome.FAILED)])
-def test_reports_come_in_order_when_the_handler_returns_last(
-    legs: Module, user: Client, central: LocalCentral, ends: Callable[..., LaterReply[int]], outcome: Outcome
-) -> None:
-    seen: list[object] = []
-
+@pytest.mark.parametrize("outcome", [Outcome.DONE, Outcome.FAILED])
+def test_reports_come_in_order_when_the_handler_returns_last(legs: Module, user: Client, outcome: Outcome) -> None:
     @legs.handles(MOVE)
     def move(task: Task, _: int) -> LaterReply[int]:
         later = task.reply_later()
-        device = threading.Thread(target=lambda: [later.report(number) for number in range(4)])  # type: ignore[func-returns-value]
+        device = threading.Thread(target=lambda: list(map(later.report, range(4))))
         device.start()
         device.join(SOON)
-        return ends(later)
+        if outcome is Outcome.FAILED:
+            raise ValueError
+        later.reply(4)
+        return later
 
-    legs.observes(MOVE)(lambda change: seen.append("end" if change.is_over else change.data))
     with legs.running():
-        assert user.command(MOVE, 1).wait(SOON) is outcome
-        central.until_quiet()
-    assert seen[-5:] == [0, 1, 2, 3, "end"]
+        sent = user.command(MOVE, 1, suspended=True)
+        progress = sent.progress(int, timeout=SOON)
+        sent.resume()
+        assert list(progress) == [0, 1, 2, 3]
+        assert sent.wait(SOON) is outcome
