@@ -68,76 +68,8 @@ WORLDS: dict[str, tuple[str, str]] = {
 """What is done once, and what many times."""
 
 ROUNDS = {
-    "sent and killed": ["user: command move under {at} from outside", "user: kill {new}"],
-    "sent without a place, and killed": ["user: command move under {at} from outside flags NONE", "user: kill {new}"],
-    "sent to the top, and killed": ["user: command move", "user: kill {new}"],
-    "a goal with a step": [
-        "user: goal walk under {at} from outside",
-        "user: command move under {new} from outside",
-        "user: kill {new}",
-        "user: kill {new}",
-    ],
-    "watched until the end of a task": [
-        "user: command move under {at} from outside",
-        "user: polling monitor watch under {at} every 1000000 until end achieving {new} from outside",
-        "user: end monitor {new}",
-        "user: kill {new}",
-    ],
-    "watched by a handler that is above": [
-        "user: command move under {at} from outside",
-        "planner/1: polling monitor watch under {new} every 1000000 waited for here",
-        "user: end monitor {new}",
-        "user: kill {new}",
-    ],
-    "watched by the way": [
-        "user: polling monitor watch under {at} every 1000000 waited for from outside",
-        "user: end monitor {new}",
-    ],
-    "suspended": [
-        "user: command move under {at} from outside",
-        "user: suspend {new}",
-        "user: resume {new}",
-        "user: kill {new}",
-    ],
-    "a deadline": [
-        "user: command move under {at} from outside",
-        "user: deadline 99 for end achieving {new}",
-        "user: kill {new}",
-    ],
-    "constrained": [
-        "user: command move under {at} from outside",
-        "user: constrain end achieving {new} <= end achieving {at}",
-        "user: kill {new}",
-    ],
-    "attached": ["user: attach slipped->help to {at}", "user: remove {number}"],
-    "attached to the message": ["user: attach slipped->help to walk", "user: remove {number}"],
-    "tapped": ["user: tap when achieved of {at} with check", "user: remove {number}"],
-    "a failure that is handled where it is": [
-        "user: command move under {at} from outside handlers slipped->help",
-        "user: raise slipped on {new}",
-        "helper/1: resolve",
-        "helper/1: reply",
-        "user: kill {new}",
-    ],
-    "a failure that is handled far above": [
-        "user: attach slipped->help to 1",
-        "user: command move under {at} from outside",
-        "user: raise slipped on {new}",
-        "helper/1: resolve",
-        "helper/1: reply",
-        "user: kill {new}",
-    ],
-    "on termination": [
-        "user: command move under {at} from outside",
-        "user: command halt under {new} when killed",
-        "user: kill {new}",
-    ],
-    "kept": ["user: keep {at}", "user: release {at}"],
-    "asked about": ["user: inspect parent of {at}"],
-    "asked": ["user: query where", "user: give up"],
-    "told": ["user: inform note", "user: set mode 7"],
-    "locked": ["user: lock helper", "user: release"],
-    "waited for": ["user: wait end achieving {at}", "user: give up"],
+    title: commands
+    for title, *commands in map(str.splitlines, Path(__file__).with_name("rounds.txt").read_text().split("\n\n"))
 }
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any
 
-import msgspec
 import pytest
 from module.real_central import SOON, until
 from tools.runs import OPENED, checked
@@ -24,9 +23,9 @@ from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.why.wait_words import told
 from tca_tools.why.waits import waits_of
-from tca_wire.journal import facts
+from tca_wire.journal.facts import RequestRefused
 from tca_wire.vocabulary import Refusal
-from tca_wire.waits import Waiter, WaitKind
+from tca_wire.waits import WaitKind
 
 WAIT, OTHER = Command("wait"), Command("other", int, result=TaskEnd, progress=str)
 BACK, ASKED, ALL = Query("back", reply=int), Query("asked", reply=int), MultiQuery("all", reply=int)
@@ -83,8 +82,7 @@ WAYS = [
     Way("await changes", lambda on: _all(on.other.changes()), WaitKind.CHANGE, is_async=True),
     Way("await progress", lambda on: _all(on.other.progress()), WaitKind.CHANGE, is_async=True),
     Way("await an update", lambda on: _ended(on.other.update_send(2)), WaitKind.CHANGE, is_async=True),
-    Way("wait until, on a task", lambda on: on.task.wait_until(lambda: False, on=[on.other]), WaitKind.CHANGE,
-        closes=False),
+    Way("wait until, on a task", lambda on: on.task.wait_until(lambda: 0, on=[on.other]), WaitKind.CHANGE, closes=False),
     Way("query", lambda on: on.task.query(ASKED), WaitKind.REPLY, "asked"),
     Way("fetch a reply", lambda on: on.task.query_send(ASKED).receive(), WaitKind.REPLY, "asked", closes=False),
     Way("notify", lambda on: on.task.query_notify(ASKED, None, lambda *_: None).wait(), WaitKind.REPLY, "asked", closes=False),
@@ -92,8 +90,7 @@ WAYS = [
     Way("await a query", lambda on: _ended(on.task.query_send(ASKED)), WaitKind.REPLY, "asked", is_async=True),
     Way("lock", lambda on: on.task.lock("other", "other"), WaitKind.LOCK, "lock"),
     Way("reserve", lambda on: on.task.reserve("other", "other"), WaitKind.LOCK, "reservation"),
-    Way("wait until handled", lambda on: on.task.wait_until_handled(MISSING), WaitKind.PRESENCE, "missing",
-        closes=False),
+    Way("wait until handled", lambda on: on.task.wait_until_handled(MISSING), WaitKind.PRESENCE, "missing", closes=False),
     Way("mission", _mission, WaitKind.TASK, "other"),
 ]  # fmt: skip
 
@@ -105,14 +102,16 @@ class Stage:
     other: SentTask[TaskEnd]
 
     def __init__(self, way: Way, central: LocalCentral, *, in_circle: bool) -> None:
-        self.way, self.central, self.in_circle, self.go_on = way, central, in_circle, threading.Event()
+        self.way, self.central, self.in_circle = way, central, in_circle
+        self.go_on = threading.Event()
         self.waiter, self.server = Module("waiter", central), Module("other", central)
         self.offering = TaskServer("slow", Environment(), [Nothing], central=central)
         self.waiter.handles(BACK, resource="waiter")(lambda _: 1)
-        self.waiter.handles(WAIT, resource="waiter")(self._await if way.is_async else self._wait)
+        wait = self._await if way.is_async else self._wait
+        self.waiter.handles(WAIT, resource="waiter")(wait)
         for message in (ASKED, ALL):
             self.server.handles(message, resource="other")(self._stand)
-        self.server.handles(OTHER, resource="other", takes=["update"])(lambda task, _: self._end(task))
+        self.server.handles(OTHER, resource="other", takes=["update"])(self._end)
 
     @contextmanager
     def waits(self, user: Client) -> Iterator[SentTask[None]]:
@@ -126,7 +125,7 @@ class Stage:
                 waiting.kill("the test ends")
                 waiting.wait(SOON)
 
-    def _end(self, task: Task) -> TaskEnd:
+    def _end(self, task: Task, _: int) -> TaskEnd:
         self._stand(task)
         return TaskEnd(Status.COMPLETED)
 
@@ -152,36 +151,34 @@ class Stage:
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(coroutine_waits, "BRIEF", 0.02)  # seconds until a coroutine that stands is told of
+    """A coroutine that stands is told of soon."""
+    monkeypatch.setattr(coroutine_waits, "BRIEF", 0.02)
 
 
-def _each(ways: list[Way]) -> pytest.MarkDecorator:
-    return pytest.mark.parametrize("way", ways, ids=lambda way: way.name.replace(" ", "_"))
-
-
-@_each(WAYS)
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
 def test_a_wait_is_shown_with_its_target(way: Way, central: LocalCentral, user: Client) -> None:
-    stage = Stage(way, central, in_circle=False)
-
     def is_shown() -> bool:
-        waiters = msgspec.convert(user.status("load")["waits"], list[Waiter])
-        waits = [wait for one in waiters if one.number == waiting.id for wait in one.waits]
-        return any(wait.kind is way.kind and wait.name.startswith(way.target) for wait in waits)
+        found = [one for one in user.status("load")["waits"] if one["number"] == waiting.id]
+        return any(is_it(wait["kind"], wait["name"]) for one in found for wait in one["waits"])
 
-    with stage.waits(user) as waiting:
+    def is_it(kind: str, name: str) -> bool:
+        return kind == way.kind and name.startswith(way.target)
+
+    with Stage(way, central, in_circle=False).waits(user) as waiting:
         until(is_shown, f"{way.name} is shown")
         run = History.until(central.entries[:])
-        found = [one for one in waits_of(run, waiting.id) if one.kind is way.kind and one.end == inf]
-        assert [told(RunAt(run), [one])[0].name.startswith(way.target) for one in found] == [True]
-    left = History.until(central.entries).handlings
-    assert [wait for handling in left for wait in handling.waits if wait.end is None] == []
+        waits = [one for one in waits_of(run, waiting.id) if one.end == inf]
+        assert [is_it(one.kind, told(RunAt(run), [one])[0].name) for one in waits].count(True) == 1
+    left = [wait for handling in History.until(central.entries).handlings for wait in handling.waits]
+    assert not [wait for wait in left if wait.end is None]
     assert not checked([OPENED, *central.entries])
 
 
-@_each([way for way in WAYS if way.closes])
+@pytest.mark.parametrize("way", [way for way in WAYS if way.closes], ids=lambda way: way.name)
 def test_a_deadlock_through_a_wait_is_found(way: Way, central: LocalCentral, user: Client) -> None:
-    refused = facts.RequestRefused
+    def is_found() -> bool:
+        refused = [fact for fact in central.facts if isinstance(fact, RequestRefused)]
+        return Refusal.DEADLOCK in [fact.refusal for fact in refused]
+
     with Stage(way, central, in_circle=True).waits(user):
-        until(
-            lambda: any(isinstance(one, refused) and one.refusal is Refusal.DEADLOCK for one in central.facts), way.name
-        )
+        until(is_found, way.name)
