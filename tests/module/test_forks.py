@@ -16,37 +16,36 @@ MOVE, WHERE = Command("move", int, result=int, progress=int), Query("where", rep
 held: dict[str, Any] = {}
 """What a program may hold when it is forked."""
 
-USES: dict[str, Callable[[Any], Any]] = {
-    "user": lambda user: user.query(WHERE, timeout=1),
-    "asker": lambda user: user.status(),
-    "sender": lambda user: user.command(MOVE, 1),
-    "sent": lambda sent: sent.result(1),
-    "followed": lambda sent: sent.state,
-    "killed": lambda sent: sent.kill(),
-    "changes": next,
-    "asked": lambda asked: asked.receive(1),
-    "notified": lambda notified: notified.cancel(),
-    "claim": lambda claim: claim.held,
-    "released": lambda claim: claim.release(),
-    "reporting": lambda owed: owed.report(1),
-    "owed": lambda owed: owed.reply(1),
-    "looking": lambda owed: owed.cancelled,
-    "module": lambda module: module.query(WHERE),
-    "timer": lambda module: module.after(0, print),
-}
+USES: list[tuple[str, Callable[[Any], Any]]] = [
+    ("user", lambda user: user.query(WHERE, timeout=1)),
+    ("user", lambda user: user.status()),
+    ("user", lambda user: user.command(MOVE, 1)),
+    ("sent", lambda sent: sent.result(1)),
+    ("sent", lambda sent: sent.state),
+    ("sent", lambda sent: sent.kill()),
+    ("changes", next),
+    ("asked", lambda asked: asked.receive(1)),
+    ("notified", lambda notified: notified.cancel()),
+    ("claim", lambda claim: claim.held),
+    ("claim", lambda claim: claim.release()),
+    ("owed", lambda owed: owed.report(1)),
+    ("owed", lambda owed: owed.reply(1)),
+    ("owed", lambda owed: owed.cancelled),
+    ("module", lambda module: module.query(WHERE)),
+    ("module", lambda module: module.after(0, print)),
+]
 
 
 def hold(module: Module, user: Client, owed: LaterReply[int]) -> None:
     sent = user.command(MOVE, 2, suspended=True)
-    held.update(user=user, asker=user, sender=user, sent=sent, followed=sent, killed=sent, changes=sent.changes())
+    held.update(module=module, user=user, owed=owed, sent=sent, changes=sent.changes())
     held.update(asked=user.query_send(WHERE), notified=user.query_notify(WHERE, None, print))
-    held.update(claim=(claim := user.lock("arm")), released=claim, module=module, timer=module)
-    held.update(reporting=owed, owed=owed, looking=owed)
+    held.update(claim=user.lock("arm"))
 
 
 def in_child(address: str) -> int:
     """Try all uses, leave what is inherited, and do the same with a connection of its own."""
-    for name, use in USES.items():
+    for name, use in USES:
         with pytest.raises(MisuseError, match=r"connect\(\) in each process"):
             print(name, use(held[name]))
     held["user"].close()

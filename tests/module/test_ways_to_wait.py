@@ -82,7 +82,8 @@ WAYS = [
     Way("await changes", lambda on: _all(on.other.changes()), WaitKind.CHANGE, is_async=True),
     Way("await progress", lambda on: _all(on.other.progress()), WaitKind.CHANGE, is_async=True),
     Way("await an update", lambda on: _ended(on.other.update_send(2)), WaitKind.CHANGE, is_async=True),
-    Way("wait until, on a task", lambda on: on.task.wait_until(lambda: 0, on=[on.other]), WaitKind.CHANGE, closes=False),
+    Way("wait until, on a task", lambda on: on.task.wait_until(lambda: False, on=[on.other]), WaitKind.CHANGE,
+        closes=False),
     Way("query", lambda on: on.task.query(ASKED), WaitKind.REPLY, "asked"),
     Way("fetch a reply", lambda on: on.task.query_send(ASKED).receive(), WaitKind.REPLY, "asked", closes=False),
     Way("notify", lambda on: on.task.query_notify(ASKED, None, lambda *_: None).wait(), WaitKind.REPLY, "asked", closes=False),
@@ -90,7 +91,8 @@ WAYS = [
     Way("await a query", lambda on: _ended(on.task.query_send(ASKED)), WaitKind.REPLY, "asked", is_async=True),
     Way("lock", lambda on: on.task.lock("other", "other"), WaitKind.LOCK, "lock"),
     Way("reserve", lambda on: on.task.reserve("other", "other"), WaitKind.LOCK, "reservation"),
-    Way("wait until handled", lambda on: on.task.wait_until_handled(MISSING), WaitKind.PRESENCE, "missing", closes=False),
+    Way("wait until handled", lambda on: on.task.wait_until_handled(MISSING), WaitKind.PRESENCE, "missing",
+        closes=False),
     Way("mission", _mission, WaitKind.TASK, "other"),
 ]  # fmt: skip
 
