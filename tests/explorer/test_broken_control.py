@@ -39,7 +39,7 @@ from tca_explorer import (
     retried,
     sent,
 )
-from tca_module import Condition, Recovery
+from tca_module import Condition
 from tca_wire.packets.headers import Send
 from tca_wire.packets.parts import WatchOptions
 
@@ -188,17 +188,11 @@ def what_nobody_handles_is_sent_all_the_same(patch: Patch) -> None:
 # --- what finds them -------------------------------------------------------------------------------------------------
 
 
-def once(*properties: Any, retries: bool = True) -> tca.Scenario:
+def once(*properties: Any, higher: Callable[[tca.Task], None]) -> tca.Scenario:
     """An exception handler that is called once, however often the step slips."""
     scenario = tca.Scenario("once", at_most_in_all(1, sent(HIGHER)), *properties)
     scenario.module("legs").handles(STEP)(slips)
-
-    @scenario.module("expert").handles(HIGHER)
-    def higher(task: tca.Task) -> None:
-        if retries:
-            task.trouble.failing.retry()
-        else:
-            task.trouble.resolved()
+    scenario.module("expert").handles(HIGHER)(higher)
 
     @scenario.module("user").does
     def story(me: tca.Script) -> None:
@@ -208,21 +202,13 @@ def once(*properties: Any, retries: bool = True) -> tca.Scenario:
     return scenario
 
 
-def observed(*properties: Any) -> tca.Scenario:
-    """A step slips, and an exception handler resolves that or only looks on."""
-    scenario = tca.Scenario("observed", *properties)
-    scenario.module("legs").handles(STEP)(slips)
+def retries(task: tca.Task) -> None:
+    task.trouble.failing.retry()
 
-    @scenario.module("expert").handles(HIGHER)
-    def higher(task: tca.Task) -> None:
-        if task.choose("looks on", "resolves") == "resolves":
-            task.trouble.resolved()
 
-    @scenario.module("user").does
-    def story(me: tca.Script) -> None:
-        me.command(STEP, on_failure=[Recovery(SLIPPED, HIGHER)]).wait()
-
-    return scenario
+def may_look_on(task: tca.Task) -> None:
+    if task.choose("looks on", "resolves") == "resolves":
+        task.trouble.resolved()
 
 
 def mortal(*properties: Any) -> tca.Scenario:
@@ -293,9 +279,9 @@ BROKEN: dict[Callable[[Patch], None], Callable[[], tca.Result]] = {
         scenarios.ladder(at_most_in_all(4, sent(HIGHER)))
     ),
     one_that_could_not_decide_is_the_last_that_is_asked: lambda: tca.explore(mortal(never(killed(STEP)))),
-    who_only_observes_has_dealt_with_it: lambda: tca.explore(observed()),
-    calls_of_a_handler_are_not_counted: lambda: tca.explore(once()),
-    what_was_dealt_with_goes_on_for_ever: lambda: tca.explore(once(never_stuck(), retries=False)),
+    who_only_observes_has_dealt_with_it: lambda: tca.explore(once(higher=may_look_on)),
+    calls_of_a_handler_are_not_counted: lambda: tca.explore(once(higher=retries)),
+    what_was_dealt_with_goes_on_for_ever: lambda: tca.explore(once(never_stuck(), higher=resolves)),
     a_deadline_takes_the_task_from_its_handler: lambda: tca.explore(scenarios.late(never_stuck(), handled=True)),
     a_delay_is_no_delay: lambda: tca.explore(delayed()),
     a_monitor_acts_once_more: lambda: tca.explore(
