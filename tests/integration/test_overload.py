@@ -6,6 +6,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zmq
@@ -15,7 +16,7 @@ from tca_central.core import Central as Core
 from tca_central.shell import server as shell
 from tca_central.shell.gate import OpenGate
 from tca_central.shell.server import Daemon
-from tca_module import Command, Condition, Inform, Module, Query, Refused, Task, Variable, connect
+from tca_module import Condition, Inform, Module, Query, Refused, Variable, connect
 from tca_wire.packets.codec import pack, pack_item, unpack_to_module
 from tca_wire.packets.headers import PROTOCOL_VERSION, Ask, Bye, GetVariable, Hello, Register, Send
 from tca_wire.packets.parts import MessageFormat
@@ -158,21 +159,20 @@ def test_nobody_waits_while_central_hears_the_last_words_of_those_who_go(turns: 
 
 
 def test_a_circle_of_listeners_ends_with_an_error(tmp_path: Path) -> None:
-    move, check = Command("move", int), Command("check", int)
+    move, check = Query("move", int, reply=int), Inform("check", int)
+    errors: queue.Queue[str] = queue.Queue()
+
+    def again(task: Any, to: int) -> None:
+        try:
+            task.query(move, to)
+        except Refused as refused:
+            errors.put(refused.text)
+
     with central(tmp_path, "--tap-depth", "2") as daemon:
         robot = Module("robot", central=daemon.address)
-        errors: queue.Queue[str] = queue.Queue()
-
-        @robot.handles(check)
-        def _(task: Task, to: int) -> None:
-            sent = task.command(move, to)
-            try:
-                assert sent.id
-            except Refused as refused:
-                errors.put(refused.text)
-
-        robot.handles(move)(lambda *_: None)
+        robot.handles(check)(again)
+        robot.handles(move, resource="legs")(lambda _, to: to)
         with robot.running(), connect("user", daemon.address) as user:
             user.tap(Condition.AFTER_HANDLED, move, check)
-            user.command(move, 1)
+            user.query(move, 1)
             assert "--tap-depth" in errors.get(timeout=30)
