@@ -102,9 +102,9 @@ def test_the_printed_lines_of_the_readme_work(python: Path, tmp_path: Path) -> N
     with central(tmp_path, command=(str(tca), "central")) as daemon:
         said = run(python, "-c", program, cwd=tmp_path, TCA_CENTRAL=daemon.address)
     assert said == printed
-    assert words_of(run(tca, "tree", daemon.journal, cwd=tmp_path)) == words_of(tree)
+    assert rows_of(run(tca, "tree", daemon.journal, cwd=tmp_path)) == rows_of(tree)
 
 
-def words_of(tree: str) -> list[str]:
-    """A drawn tree without its times."""
-    return [word for word in tree.partition("\n")[2].split() if not re.match(r"[\d.]+(-[\d.]+)?$", word)]
+def rows_of(tree: str) -> list[str]:
+    """Each task of a drawn tree with its state: its times, and the columns that they need, differ each time."""
+    return re.findall(r"^.*\{\d+\} +\w+", tree, re.MULTILINE)
