@@ -1,24 +1,23 @@
 """The robot in PyBullet: rigid bodies, motors, a grip by friction. The only file here that knows the engine."""
 
 import math
-import tempfile
 from pathlib import Path
 
-import numpy as np
 import pybullet
 
-from robots.ambler_sim.pictures.photograph import RENDERED, Camera, Rendering, write_png
+from robots.ambler_sim.machine.physics import BulletWorld
+from robots.ambler_sim.pictures.photograph import RENDERED, write_png
+from robots.urdf import Triple
 from robots.youbot_sim import photograph
 from robots.youbot_sim.drives import START, Drives
 from robots.youbot_sim.kinematics import tip_in_world
 from robots.youbot_sim.places import BOXES, OBJECT, DropBox
-from robots.youbot_sim.urdf import EFFORT, Triple, youbot_urdf
+from robots.youbot_sim.urdf import EFFORT, youbot_urdf
 from robots.youbot_sim.vocabulary import GROUPS, Group, JointReadings, Joints, ObjectPlace
 
 Quadruple = tuple[float, float, float, float]
 
 TICK = 1 / 240
-GRAVITY = 9.81
 MASS = 0.15
 """Of the object, kg."""
 
@@ -34,19 +33,18 @@ FORCES = {"base": EFFORT["base"], "arm": EFFORT["arm"], "gripper": EFFORT["finge
 WALLS, LID, OBJECT_COLOUR = (0.42, 0.56, 0.72, 1), (0.35, 0.38, 0.42, 1), (0.16, 0.62, 0.34, 1)
 
 
-class BulletManipulator:
+class BulletManipulator(BulletWorld):
     """A simulated robot, its floor and boxes, in a physics world of its own."""
 
     name = "pybullet"
+    _sun, _ambient = photograph.SUN, 0.6
 
     def __init__(self) -> None:
-        self._world = pybullet.connect(pybullet.DIRECT)
-        pybullet.setGravity(0, 0, -GRAVITY, physicsClientId=self._world)
-        pybullet.setPhysicsEngineParameter(fixedTimeStep=TICK, physicsClientId=self._world)
+        super().__init__(TICK)
         self._floor = self._make_body((60.0, 60.0, 0.2), (0.0, 0.0, -0.1), WALLS)
         for box in BOXES:
             self._make_box(box)
-        self._robot = self._load_robot()
+        self._robot = self._load(youbot_urdf(), is_fixed=True)
         self._joints = self._joint_numbers()
         self._time: float | None = None
         self._lid: int | None = None
@@ -111,39 +109,11 @@ class BulletManipulator:
     def picture(self, path: Path) -> Path:
         """A photograph from the side and above, as PNG."""
         x, y, heading = self._positions("base")
-        frame = self._frame(photograph.camera_at(x, y, heading), RENDERED)
-        from_sun = self._frame(photograph.sun_over(x, y), photograph.SHADOW_SIZE)
+        frame = self._frame(photograph.camera_at(x, y, heading), RENDERED, [self._floor])
+        from_sun = self._frame(photograph.sun_over(x, y), photograph.SHADOW_SIZE, [self._floor])
         written = path.with_suffix(".png")
         write_png(written, photograph.develop(frame, from_sun))
         return written
-
-    def close(self) -> None:
-        """Leave the physics world."""
-        pybullet.disconnect(physicsClientId=self._world)
-
-    def _frame(self, camera: Camera, size: tuple[int, int]) -> Rendering:
-        """The image of a camera: colours, depths, and what is floor."""
-        width, height = size
-        view = pybullet.computeViewMatrix(camera.eye, camera.target, (0, 0, 1))
-        lens = pybullet.computeProjectionMatrixFOV(camera.angle, width / height, camera.near, camera.far)
-        image = pybullet.getCameraImage(
-            width,
-            height,
-            view,
-            lens,
-            shadow=0,  # the engine's own are too coarse
-            lightDirection=photograph.SUN,
-            lightAmbientCoeff=0.6,
-            lightDiffuseCoeff=0.5,
-            lightSpecularCoeff=0.05,
-            renderer=pybullet.ER_TINY_RENDERER,
-            physicsClientId=self._world,
-        )
-        colours, depths, bodies = (np.array(part).reshape(height, width, -1) for part in image[2:])
-        looking = np.array(lens).reshape(4, 4).T @ np.array(view).reshape(4, 4).T
-        ground, bodies = bodies[..., 0] == self._floor, bodies[..., 0]
-        rgb = colours.astype(np.uint8)[..., :3]
-        return Rendering(rgb, depths[..., 0], ground, ~ground & (bodies >= 0), looking, camera)
 
     # --- motors and sensors ------------------------------------------------------------------------------------------
 
@@ -211,19 +181,6 @@ class BulletManipulator:
         for size, (ahead, left, up) in parts:
             place = (box.x + cos * ahead - sin * left, box.y + sin * ahead + cos * left, up)
             self._make_body(size, place, WALLS, turn=turn)
-
-    def _load_robot(self) -> int:
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder, "youbot.urdf")
-            file.write_text(youbot_urdf(), encoding="utf-8")
-            flags = pybullet.URDF_USE_INERTIA_FROM_FILE
-            robot: int = pybullet.loadURDF(str(file), useFixedBase=True, flags=flags, physicsClientId=self._world)
-        return robot
-
-    def _joint_numbers(self) -> dict[str, int]:
-        count = pybullet.getNumJoints(self._robot, physicsClientId=self._world)
-        infos = [pybullet.getJointInfo(self._robot, joint, physicsClientId=self._world) for joint in range(count)]
-        return {info[1].decode(): info[0] for info in infos}
 
 
 def _per_motor(group: Group, joints: Joints) -> list[float]:

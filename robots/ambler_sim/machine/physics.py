@@ -22,22 +22,83 @@ POSITION_GAIN, VELOCITY_GAIN = 0.1, 1.0
 JOINTS_PER_LEG = ("shoulder", "extension", "vertical")
 
 
-class BulletPlant:
+class BulletWorld:
+    """A physics world of its own, with a robot in it."""
+
+    _robot: int
+    _sun: tuple[float, float, float]
+    _ambient: float
+
+    def __init__(self, tick: float) -> None:
+        self._world = self.connect()
+        pybullet.setGravity(0, 0, -GRAVITY, physicsClientId=self._world)
+        pybullet.setPhysicsEngineParameter(fixedTimeStep=tick, physicsClientId=self._world)
+
+    def connect(self) -> int:
+        """A new physics world, which nobody sees."""
+        world: int = pybullet.connect(pybullet.DIRECT)
+        return world
+
+    def close(self) -> None:
+        """Leave the physics world."""
+        pybullet.disconnect(physicsClientId=self._world)
+
+    def _load(self, urdf: str, *, is_fixed: bool = False) -> int:
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "robot.urdf")
+            file.write_text(urdf, encoding="utf-8")
+            flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+            robot: int = pybullet.loadURDF(str(file), useFixedBase=is_fixed, flags=flags, physicsClientId=self._world)
+        return robot
+
+    def _joint_numbers(self) -> dict[str, int]:
+        count = pybullet.getNumJoints(self._robot, physicsClientId=self._world)
+        infos = [pybullet.getJointInfo(self._robot, joint, physicsClientId=self._world) for joint in range(count)]
+        return {info[1].decode(): info[0] for info in infos}
+
+    def _frame(
+        self, camera: photograph.Camera, size: tuple[int, int], ground_bodies: Sequence[int]
+    ) -> photograph.Rendering:
+        """The image of a camera: colours, depths, and what is ground or an object on it."""
+        width, height = size
+        view = pybullet.computeViewMatrix(camera.eye, camera.target, (0, 0, 1))
+        lens = pybullet.computeProjectionMatrixFOV(camera.angle, width / height, camera.near, camera.far)
+        image = pybullet.getCameraImage(
+            width,
+            height,
+            view,
+            lens,
+            shadow=0,  # the engine's own shadows leave parts of large ground dark, and are too coarse
+            lightDirection=self._sun,
+            lightAmbientCoeff=self._ambient,
+            lightDiffuseCoeff=0.5,
+            lightSpecularCoeff=0.05,
+            renderer=pybullet.ER_TINY_RENDERER,
+            physicsClientId=self._world,
+        )
+        colours, depths, bodies = (np.array(part).reshape(height, width, -1) for part in image[2:])
+        looking = np.array(lens).reshape(4, 4).T @ np.array(view).reshape(4, 4).T
+        bodies = bodies[..., 0]
+        ground = np.isin(bodies, ground_bodies)
+        rgb = colours.astype(np.uint8)[..., :3]
+        return photograph.Rendering(rgb, depths[..., 0], ground, ~ground & (bodies >= 0), looking, camera)
+
+
+class BulletPlant(BulletWorld):
     """A simulated mechanism and its ground, in a physics world of its own."""
 
     name = "pybullet"
     tick = TICK
+    _sun, _ambient = photograph.SUN, 0.55
 
     def __init__(self, terrain: Terrain, posture: Posture) -> None:
         self._terrain = terrain
-        self._world = self.connect()
-        pybullet.setGravity(0, 0, -GRAVITY, physicsClientId=self._world)
-        pybullet.setPhysicsEngineParameter(
-            fixedTimeStep=TICK, numSolverIterations=ITERATIONS, physicsClientId=self._world
-        )
+        super().__init__(TICK)
+        pybullet.setPhysicsEngineParameter(numSolverIterations=ITERATIONS, physicsClientId=self._world)
         self._ground = GroundBodies(self._world, terrain)
         self._ground.follow(posture.x, posture.y)
-        self._robot = self._load_robot()
+        self._robot = self._load(ambler_urdf())
+        self._centre = np.array(pybullet.getDynamicsInfo(self._robot, -1, physicsClientId=self._world)[3])
         names = self._joint_numbers()
         self._motors = [names[f"{joint}{leg}"] for leg in LEGS for joint in JOINTS_PER_LEG]
         self._feet = [names[f"foot{leg}"] for leg in LEGS]
@@ -46,11 +107,6 @@ class BulletPlant:
         self._prepare_joints()
         self._heading = posture.heading
         self._assume(posture)
-
-    def connect(self) -> int:
-        """A new physics world, which nobody sees."""
-        world: int = pybullet.connect(pybullet.DIRECT)
-        return world
 
     def drive(self, joints: Array, rates: Array) -> None:
         """Let the motors work towards *joints* for one tick; *rates* are fed forward so that they do not lag."""
@@ -122,51 +178,13 @@ class BulletPlant:
     def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:
         """A photograph from ahead and above, as PNG. It is taken twice as large: the renderer draws hard edges."""
         pose = self.attitude().pose
-        frame = self._frame(photograph.camera_for(pose), (2 * size[0], 2 * size[1]))
+        ground = list(self._ground.tiles)
+        frame = self._frame(photograph.camera_for(pose), (2 * size[0], 2 * size[1]), ground)
         shadows = photograph.SHADOW_SIZE * size[0] // photograph.SIZE[0]
-        from_sun = self._frame(photograph.sun_over(pose), (shadows, shadows))
+        from_sun = self._frame(photograph.sun_over(pose), (shadows, shadows), ground)
         written = path.with_suffix(".png")
         photograph.write_png(written, photograph.develop(frame, from_sun, self._terrain, trail))
         return written
-
-    def close(self) -> None:
-        """Leave the physics world."""
-        pybullet.disconnect(physicsClientId=self._world)
-
-    def _frame(self, camera: photograph.Camera, size: tuple[int, int]) -> photograph.Rendering:
-        """The image of a camera: colours, depths, and what is ground or object."""
-        width, height = size
-        view = pybullet.computeViewMatrix(camera.eye, camera.target, (0, 0, 1))
-        lens = pybullet.computeProjectionMatrixFOV(camera.angle, width / height, camera.near, camera.far)
-        image = pybullet.getCameraImage(
-            width,
-            height,
-            view,
-            lens,
-            shadow=0,  # the engine's own shadows leave parts of large ground dark
-            lightDirection=photograph.SUN,
-            lightAmbientCoeff=0.55,
-            lightDiffuseCoeff=0.5,
-            lightSpecularCoeff=0.05,
-            renderer=pybullet.ER_TINY_RENDERER,
-            physicsClientId=self._world,
-        )
-        colours, depths, bodies = (np.array(part) for part in image[2:])
-        objects = [self._robot, *self._ground.rocks]
-        looking = np.array(lens).reshape(4, 4).T @ np.array(view).reshape(4, 4).T
-        rgb = colours.astype(np.uint8).reshape(height, width, -1)[..., :3]
-        return photograph.Rendering(
-            rgb, depths, np.isin(bodies, list(self._ground.tiles)), np.isin(bodies, objects), looking, camera
-        )
-
-    def _load_robot(self) -> int:
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder, "ambler.urdf")
-            file.write_text(ambler_urdf(), encoding="utf-8")
-            flags = pybullet.URDF_USE_INERTIA_FROM_FILE
-            robot: int = pybullet.loadURDF(str(file), flags=flags, physicsClientId=self._world)
-        self._centre = np.array(pybullet.getDynamicsInfo(robot, -1, physicsClientId=self._world)[3])
-        return robot
 
     def _sink(self) -> None:
         """Feet on soft ground stand on softer springs."""
@@ -186,11 +204,6 @@ class BulletPlant:
         """The forces on the six-axis sensors over the feet, (6, 3); a hanging foot pulls."""
         states = pybullet.getJointStates(self._robot, self._feet, physicsClientId=self._world)
         return np.array([state[2][:3] for state in states])
-
-    def _joint_numbers(self) -> dict[str, int]:
-        count = pybullet.getNumJoints(self._robot, physicsClientId=self._world)
-        infos = [pybullet.getJointInfo(self._robot, joint, physicsClientId=self._world) for joint in range(count)]
-        return {info[1].decode(): info[0] for info in infos}
 
     def _prepare_joints(self) -> None:
         """Motor limits and gains; no damping beside the motors'; a force sensor over each foot. Links collide, but the

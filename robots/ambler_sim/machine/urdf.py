@@ -2,8 +2,7 @@
 
 from robots.ambler_sim.geometry import AMBLER, SHAFT_Y, SHOULDER_Z
 from robots.ambler_sim.vocabulary import LEGS
-
-Triple = tuple[float, float, float]
+from robots.urdf import Triple, box, collision, cylinder, inertia_of, joint, link, materials
 
 EFFORT = {"shoulder": 3e4, "extension": 2e4, "vertical": 4e4}
 """The strongest torque (Nm) or force (N) of each joint's motor."""
@@ -21,7 +20,7 @@ COLOURS = {
 def ambler_urdf() -> str:
     """The whole robot. Joints are named shoulder0, extension0, vertical0, foot0, shoulder1 and so on."""
     legs = "".join(_leg(leg) for leg in LEGS)
-    return f'<?xml version="1.0"?>\n<robot name="ambler">{_materials()}{_body()}{legs}</robot>\n'
+    return f'<?xml version="1.0"?>\n<robot name="ambler">{materials(COLOURS)}{_body()}{legs}</robot>\n'
 
 
 def _body() -> str:
@@ -30,55 +29,54 @@ def _body() -> str:
         part
         for y in (AMBLER.shaft_offset, -AMBLER.shaft_offset)
         for part in (
-            _cylinder((0, y, 0.45), 0.17, 1.7, "bright"),
-            _box((0, y, 1.40), (0.95, 0.80, 0.24), "dark"),
-            _box((-0.12, y, 1.86), (0.70, 0.72, 0.68), "box"),
-            _box((-0.12, y, 2.22), (0.74, 0.76, 0.05), "blue"),
-            _cylinder((0, y, -0.44), 0.22, 0.10, "dark"),
+            cylinder((0, y, 0.45), 0.17, 1.7, "bright"),
+            box((0, y, 1.40), (0.95, 0.80, 0.24), "dark"),
+            box((-0.12, y, 1.86), (0.70, 0.72, 0.68), "box"),
+            box((-0.12, y, 2.22), (0.74, 0.76, 0.05), "blue"),
+            cylinder((0, y, -0.44), 0.22, 0.10, "dark"),
         )
     ]
     looks += [
-        _box((0.22, 0, 1.50), (0.26, 2.0, 0.16), "aluminium"),
-        _box((-0.22, 0, 1.50), (0.26, 2.0, 0.16), "aluminium"),
-        _cylinder((0.75, 0, 1.95), 0.06, 1.0, "aluminium"),
-        _box((0.45, 0, 1.50), (0.70, 0.18, 0.12), "aluminium"),
-        _box((0.80, 0, 2.52), (0.34, 0.56, 0.30), "orange"),
-        _box((0.98, 0, 2.52), (0.03, 0.40, 0.18), "dark"),
+        box((0.22, 0, 1.50), (0.26, 2.0, 0.16), "aluminium"),
+        box((-0.22, 0, 1.50), (0.26, 2.0, 0.16), "aluminium"),
+        cylinder((0.75, 0, 1.95), 0.06, 1.0, "aluminium"),
+        box((0.45, 0, 1.50), (0.70, 0.18, 0.12), "aluminium"),
+        box((0.80, 0, 2.52), (0.34, 0.56, 0.30), "orange"),
+        box((0.98, 0, 2.52), (0.03, 0.40, 0.18), "dark"),
     ]
-    inertia = _inertia(AMBLER.body_mass, (0, 0, AMBLER.body_mass_height), (0.9, 2.7, 1.6))
+    inertia = inertia_of(AMBLER.body_mass, (0, 0, AMBLER.body_mass_height), (0.9, 2.7, 1.6))
     width = 2 * AMBLER.shaft_offset + AMBLER.body_length / 2
     height, belly = 2.7, AMBLER.belly
-    solid = _collision((0, 0, height / 2 - belly), f'<box size="{AMBLER.body_length} {width} {height}"/>')
-    return _link("body", inertia, looks, collision=solid)
+    solid = collision((0, 0, height / 2 - belly), f'<box size="{AMBLER.body_length} {width} {height}"/>')
+    return link("body", inertia, looks, solid)
 
 
 def _leg(leg: int) -> str:
     """Shoulder beam, sliding extension, vertical link and foot: each part the child of the one before."""
     parts, reach, length, width = AMBLER, AMBLER.min_reach, AMBLER.link_length, AMBLER.beam_width
-    shoulder = _link(
+    shoulder = link(
         f"shoulder{leg}_link",
-        _inertia(parts.shoulder_mass, (reach / 2, 0, 0), (reach, 0.3, 0.25)),
-        [_cylinder((0, 0, 0), 0.27, 0.30, "dark"), _box((reach / 2, 0, 0), (reach, 0.26, 0.24), "aluminium")],
-        collision=_collision((reach / 2, 0, 0), f'<box size="{reach} {width} {width}"/>'),
+        inertia_of(parts.shoulder_mass, (reach / 2, 0, 0), (reach, 0.3, 0.25)),
+        [cylinder((0, 0, 0), 0.27, 0.30, "dark"), box((reach / 2, 0, 0), (reach, 0.26, 0.24), "aluminium")],
+        collision((reach / 2, 0, 0), f'<box size="{reach} {width} {width}"/>'),
     )
-    extension = _link(
+    extension = link(
         f"extension{leg}_link",
-        _inertia(parts.extension_mass, (-parts.beam_length / 2, 0, 0), (parts.beam_length, 0.2, 0.15)),
-        [_box((-reach / 2, 0, 0), (reach + 0.2, 0.17, 0.15), "bright"), _box((0, 0, 0), (0.28, 0.28, 0.42), "blue")],
-        collision=_collision((-reach / 2, 0, 0), f'<box size="{reach} {width} {width}"/>'),
+        inertia_of(parts.extension_mass, (-parts.beam_length / 2, 0, 0), (parts.beam_length, 0.2, 0.15)),
+        [box((-reach / 2, 0, 0), (reach + 0.2, 0.17, 0.15), "bright"), box((0, 0, 0), (0.28, 0.28, 0.42), "blue")],
+        collision((-reach / 2, 0, 0), f'<box size="{reach} {width} {width}"/>'),
     )
-    vertical = _link(
+    vertical = link(
         f"vertical{leg}_link",
-        _inertia(parts.vertical_mass, (0, 0, length / 2), (0.15, 0.15, length)),
-        [_cylinder((0, 0, length / 2 + 0.1), 0.075, length - 0.2, "bright")],
-        collision=_collision((0, 0, length / 2 + 0.1), f'<cylinder radius="0.075" length="{length - 0.2}"/>'),
+        inertia_of(parts.vertical_mass, (0, 0, length / 2), (0.15, 0.15, length)),
+        [cylinder((0, 0, length / 2 + 0.1), 0.075, length - 0.2, "bright")],
+        collision((0, 0, length / 2 + 0.1), f'<cylinder radius="0.075" length="{length - 0.2}"/>'),
     )
-    foot = _link(
+    foot = link(
         f"foot{leg}_link",
-        _inertia(parts.foot_mass, (0, 0, 0), (0.3, 0.3, 0.1)),
-        [_cylinder((0, 0, -0.02), 0.26, 0.10, "dark"), _cylinder((0, 0, 0.08), 0.12, 0.14, "orange")],
-        collision=_collision((0, 0, 0), f'<sphere radius="{parts.foot_radius}"/>'),
-        contact=_springs(),
+        inertia_of(parts.foot_mass, (0, 0, 0), (0.3, 0.3, 0.1)),
+        [cylinder((0, 0, -0.02), 0.26, 0.10, "dark"), cylinder((0, 0, 0.08), 0.12, 0.14, "orange")],
+        _springs() + collision((0, 0, 0), f'<sphere radius="{parts.foot_radius}"/>'),
     )
     return shoulder + extension + vertical + foot + _joints(leg)
 
@@ -107,49 +105,4 @@ def _joint(
 ) -> str:
     parent, child = ends
     upper = "body" if parent == "body" else f"{parent}{leg}_link"
-    effort = EFFORT.get(child, 0.0)
-    # A shoulder without end has no limits; with both at 0 the engine would hold it at 0.
-    ends_at = f'lower="{limits[0]}" upper="{limits[1]}" ' if limits else ""
-    return (
-        f'<joint name="{child}{leg}" type="{kind}"><parent link="{upper}"/><child link="{child}{leg}_link"/>'
-        f'<origin xyz="{_text(origin)}"/><axis xyz="{_text(axis)}"/>'
-        f'<limit {ends_at}effort="{effort}" velocity="10"/></joint>\n'
-    )
-
-
-def _link(name: str, inertia: str, looks: list[str], *, collision: str = "", contact: str = "") -> str:
-    return f'<link name="{name}">{contact}{inertia}{"".join(looks)}{collision}</link>\n'
-
-
-def _inertia(mass: float, centre: Triple, size: Triple) -> str:
-    """Of a solid box."""
-    x, y, z = (side * side * mass / 12 for side in size)
-    moments = f'ixx="{y + z}" iyy="{x + z}" izz="{x + y}" ixy="0" ixz="0" iyz="0"'
-    return f'<inertial><origin xyz="{_text(centre)}"/><mass value="{mass}"/><inertia {moments}/></inertial>'
-
-
-def _box(centre: Triple, size: Triple, colour: str) -> str:
-    return _visual(centre, f'<box size="{_text(size)}"/>', colour)
-
-
-def _cylinder(centre: Triple, radius: float, length: float, colour: str) -> str:
-    return _visual(centre, f'<cylinder radius="{radius}" length="{length}"/>', colour)
-
-
-def _collision(centre: Triple, geometry: str) -> str:
-    return f'<collision><origin xyz="{_text(centre)}"/><geometry>{geometry}</geometry></collision>'
-
-
-def _visual(centre: Triple, shape: str, colour: str) -> str:
-    place = f'<origin xyz="{_text(centre)}"/>'
-    return f'<visual>{place}<geometry>{shape}</geometry><material name="{colour}"/></visual>'
-
-
-def _materials() -> str:
-    return "".join(
-        f'<material name="{name}"><color rgba="{_text(rgb)} 1"/></material>' for name, rgb in COLOURS.items()
-    )
-
-
-def _text(triple: Triple) -> str:
-    return " ".join(str(number) for number in triple)
+    return joint(f"{child}{leg}", kind, upper, f"{child}{leg}_link", origin, axis, limits, EFFORT.get(child, 0.0))
