@@ -184,10 +184,10 @@ def _tap(central: State, connection: Connection, header: headers.Tap) -> None:
         _need(connection, TAP, header.of)
 
 
-def _observe(central: State, connection: Connection, header: Observe) -> None:
+def _look(central: State, connection: Connection, header: Observe | headers.Inspect) -> None:
     if header.task:
         _see(central, connection, header.task)
-    elif header.message and not header.below:
+    elif isinstance(header, Observe) and header.message and not header.below:
         _need(connection, TAP, header.message)
     else:
         _need(connection, ADMINISTER, "tree")
@@ -199,13 +199,6 @@ def _fire(central: State, connection: Connection, header: headers.Fire) -> None:
         _need(connection, SEND, header.message)
     elif (task := central.tree.tasks.get(header.monitor)) is not None and not _is_own(connection, task):
         _need(connection, SEND, task.message.name)
-
-
-def _inspect(central: State, connection: Connection, header: headers.Inspect) -> None:
-    if header.task:
-        _see(central, connection, header.task)
-    else:
-        _need(connection, ADMINISTER, "tree")
 
 
 def _get_variable(_: State, connection: Connection, header: headers.GetVariable) -> None:
@@ -264,9 +257,9 @@ NEEDS: dict[type, Callable[[State, Connection, Any], None] | None] = {
     headers.Resolve: None,
     headers.Suspend: _controls("suspend", lambda header: header.task),
     headers.Deadline: _controls("give a deadline to", lambda header: header.point.task),
-    headers.Inspect: _inspect,
+    headers.Inspect: _look,
     ChangeState: _controls("change the state of", lambda header: header.task),
-    Observe: _observe,
+    Observe: _look,
     headers.Tap: _tap,
     headers.Fire: _fire,
     headers.EndMonitor: _controls("end", lambda header: header.monitor),

@@ -63,16 +63,13 @@ def on_raise(central: State, connection: Connection, header: headers.Raise, body
 def fail_task(central: State, task: Task, failure: RaisedFailure) -> None:
     """The handler of a task, which no handler has any more, ended with a failure."""
     central.note_failure(task, failure)
-    if task.killed:
+    if central.agenda.end_or_retry(task):
+        return
+    handler = _search(central, task, failure, is_beside=False)
+    if handler is None:
         central.agenda.mark_returned(task)
-    elif task.retrying:
-        central.agenda.retry(task)
     else:
-        handler = _search(central, task, failure, is_beside=False)
-        if handler is None:
-            central.agenda.mark_returned(task)
-        else:
-            task.more.recovering = handler
+        task.more.recovering = handler
 
 
 def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = CENTRAL) -> None:
@@ -156,24 +153,17 @@ def _find(
 
 def _candidates(central: State, task: Task, below: FailureContext | None) -> Iterator[tuple[Task, AttachedHandler]]:
     """All exception handlers from *task* up, nearest first; only those after *below*, where a search goes on."""
-    start: Task | None = task
-    if below is not None:
-        yield from _remaining(below.at, below.attached)
-        start = below.at.parent
-    for at in central.tree.guards.above(start) if start is not None else ():
+    for at in central.tree.guards.above(task if below is None else below.at):
         own = at.rare.attached if at.rare else []
-        yield from ((at, attached) for group in (own, at.message.attached) for attached in reversed(group))
+        found = [*reversed(own), *reversed(at.message.attached)]
+        if below is not None and at is below.at:  # its handler may have been removed meanwhile
+            found = [one for one in found if _rank(one) > _rank(below.attached)]
+        yield from ((at, one) for one in found)
 
 
-def _remaining(at: Task, after: AttachedHandler) -> Iterator[tuple[Task, AttachedHandler]]:
-    """The exception handlers of one task that come after *after*, which may have been removed meanwhile."""
-    is_own = isinstance(after.place, Task)
-    for attached in reversed(at.rare.attached) if is_own and at.rare is not None else ():
-        if attached.id < after.id:
-            yield at, attached
-    for attached in reversed(at.message.attached):
-        if is_own or attached.id < after.id:
-            yield at, attached
+def _rank(attached: AttachedHandler) -> tuple[bool, int]:
+    """The place of an exception handler among those of one task: its own come before its message's, newest first."""
+    return not isinstance(attached.place, Task), -attached.id
 
 
 def _nested(task: Task) -> dict[int, int]:

@@ -143,6 +143,14 @@ class Agenda(Stored):
         self.requeue(task)
         self._look_above(task)
 
+    def end_or_retry(self, task: Task) -> bool:
+        """Whether it does not count how the task's handler ended, because the task was killed, or is retried."""
+        if task.killed:
+            self.mark_returned(task)
+        elif task.retrying:
+            self.retry(task)
+        return bool(task.killed) or task.retrying
+
     def end_retry_asker(self, task: Task, handler: Task) -> None:
         """An exception handler that has asked for a retry has ended."""
         task.more.retry_askers.pop(handler, None)

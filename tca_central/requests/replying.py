@@ -88,11 +88,9 @@ def _return(
         if delivery.message.message_class.has_reply:
             fire_after(central, delivery, REPLIED, body)
             _answer_query(central, delivery, Answer(delivery.number), body)
-    elif delivery.retrying and not delivery.killed:
-        central.agenda.retry(delivery)
-    elif delivery.killed:
-        end_claims_of(central, delivery, "it was killed")
-        central.agenda.mark_returned(delivery)
+    elif central.agenda.end_or_retry(delivery):
+        if delivery.killed:
+            end_claims_of(central, delivery, "it was killed")
     else:
         result = b"" if body == NIL and delivery.failure is None else body  # a resolved task may have none
         central.tree.grow(delivery, len(result) - len(delivery.result))
@@ -128,11 +126,7 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
     pop_losses(connection, delivery)
     if not (header.reissue and isinstance(delivery, Task)):
         fail_delivery(central, delivery, failure_of(header, body))
-    elif delivery.retrying and not delivery.killed:
-        central.agenda.retry(delivery)
-    elif delivery.killed:
-        central.agenda.mark_returned(delivery)
-    else:
+    elif not central.agenda.end_or_retry(delivery):
         reissue(central, delivery)
 
 

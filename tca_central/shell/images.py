@@ -14,8 +14,8 @@ from pathlib import Path
 
 from tca_central.core import Central
 from tca_central.image.encoder import encode, may_be_taken
-from tca_central.shell.input_log import DRAFT_SUFFIX, IMAGE_SUFFIX, INPUT_SUFFIX, InputLog
-from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, numbers, sync_path
+from tca_central.shell.input_log import DRAFT_SUFFIX, IMAGE_SUFFIX, InputLog
+from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, sync_path
 
 EVENTS_BETWEEN, MOST_BETWEEN = 10_000, 50_000
 """Events after which there is a new image: ten thousand are handled again in a second or two, long before modules lose
@@ -82,10 +82,7 @@ class Images:
             log.warning("the image of the state that was being taken is not there: its process ended with %d", status)
             return
         if self._kept:
-            for suffix in (IMAGE_SUFFIX, INPUT_SUFFIX):
-                for number in numbers(self._inputs.folder, suffix):
-                    if self._inputs.first <= number < self._kept:
-                        (self._inputs.folder / f"{number:08d}{suffix}").unlink(missing_ok=True)
+            self._inputs.remove(self._kept)
         self._kept = self._number
 
 

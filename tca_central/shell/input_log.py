@@ -4,7 +4,7 @@ An image of the state, NNNNNNNN.tcas, is the state at the beginning of the segme
 inputs since give the state anew (recovery.py).
 """
 
-import os
+import math
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from tca_central.events import Input
-from tca_central.shell.log_writer import LogWriter, Sync, cut, numbers
+from tca_central.shell.log_writer import LogWriter, Sync, append, cut, files_of
 from tca_wire.journal.frames import framed, has_record, payloads
 from tca_wire.packets.headers import PROTOCOL_VERSION
 
@@ -94,12 +94,12 @@ class InputLog(LogWriter):
         self.turn_over()
         return self.newest
 
-    def remove(self) -> None:
-        """Remove all that this run has, so that it can't go on. Raises OSError."""
+    def remove(self, before: float = math.inf) -> None:
+        """Remove all that this run has *before* a number; without one it can't go on. Raises OSError."""
         for suffix in (IMAGE_SUFFIX, INPUT_SUFFIX):
-            for number in numbers(self.folder, suffix):
-                if number >= self.first:
-                    (self.folder / f"{number:08d}{suffix}").unlink()
+            for path in files_of(self.folder, suffix):
+                if self.first <= int(path.stem) < before:
+                    path.unlink(missing_ok=True)
 
     def end(self, why: str) -> None:
         """Write the rest, and that it is all."""
@@ -140,10 +140,7 @@ class InputSegment:
         for _ in self:
             pass
         cut(self.path, self.end)
-        with self.path.open("ab") as stream:
-            stream.write(framed(_encode(Ended(why))))
-            stream.flush()
-            os.fsync(stream.fileno())
+        append(self.path, framed(_encode(Ended(why))))
 
     def __iter__(self) -> Iterator[Input | Ended]:
         """Its inputs, up to the first record that is not sound."""

@@ -88,6 +88,14 @@ def cut(path: Path, end: int) -> None:
         os.fsync(stream.fileno())
 
 
+def append(path: Path, data: bytes) -> None:
+    """Lengthen a file for good. Raises OSError."""
+    with path.open("ab") as stream:
+        stream.write(data)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
 def put_aside(path: Path, begin: int, *later: Path) -> None:
     """Take away what a log has from a byte of a file on, for good, and keep it in files beside it. Raises OSError.
 
@@ -95,12 +103,8 @@ def put_aside(path: Path, begin: int, *later: Path) -> None:
     """
     with path.open("rb") as stream:
         stream.seek(begin)
-        rest = stream.read()
-    if rest:
-        with aside(path).open("ab") as kept:
-            kept.write(rest)
-            kept.flush()
-            os.fsync(kept.fileno())
+        if rest := stream.read():
+            append(aside(path), rest)
     for one in later:
         one.rename(aside(one))
     sync_path(path.parent)
@@ -124,6 +128,11 @@ def is_written(folder: Path) -> bool:
     except CentralError:
         return True
     return False
+
+
+def files_of(folder: Path, suffix: str) -> list[Path]:
+    """The files of one suffix, in order."""
+    return [folder / f"{number:08d}{suffix}" for number in numbers(folder, suffix)]
 
 
 def numbers(folder: Path, suffix: str) -> list[int]:
@@ -192,15 +201,11 @@ class LogWriter:
             raise self._broken(self._error)
         if not self._pending or (self.sync is Sync.NONE and self._pending_bytes < WRITE_LATER):
             return
-        try:
-            self.write()
-            if self.sync is Sync.ALWAYS:
-                self._fsync()
-            if self.size > self.longest:
-                self.begin_segment()
-        except OSError as error:
-            self._error = error
-            raise self._broken(error) from None
+        self._now(self.write)
+        if self.sync is Sync.ALWAYS:
+            self._now(self._fsync)
+        if self.size > self.longest:
+            self._now(self.begin_segment)
 
     def make_safe(self) -> None:
         """Have all on the disk, whatever ``sync`` says. Raises CentralError."""

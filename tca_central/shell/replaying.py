@@ -17,7 +17,7 @@ from tca_central.shell.input_log import (
     Ended,
     InputSegment,
 )
-from tca_central.shell.log_writer import cut, numbers, put_aside, sync_path
+from tca_central.shell.log_writer import cut, files_of, numbers, put_aside, sync_path
 from tca_wire.journal.facts import Entry
 from tca_wire.packets.headers import PROTOCOL_VERSION
 
@@ -27,8 +27,7 @@ log = logging.getLogger("tca.central")
 def newest_run(folder: Path, epoch: str = "") -> list[InputSegment]:
     """The segments of inputs of the newest run in a folder, or of that *epoch*, oldest first."""
     found: list[InputSegment] = []
-    for number in reversed(numbers(folder, INPUT_SUFFIX)):
-        segment = InputSegment(folder / f"{number:08d}{INPUT_SUFFIX}")
+    for segment in map(InputSegment, reversed(files_of(folder, INPUT_SUFFIX))):
         if segment.head is None:
             if found:
                 found.append(segment)  # a hole: ``InputReplay`` judges it
@@ -56,8 +55,7 @@ def _is_left_over(segment: InputSegment) -> bool:
 
 def check_heads(folder: Path) -> None:
     """Raises CentralError if the newest segment can't be told to belong to a run, though something follows its head."""
-    for number in reversed(numbers(folder, INPUT_SUFFIX)):
-        segment = InputSegment(folder / f"{number:08d}{INPUT_SUFFIX}")
+    for segment in map(InputSegment, reversed(files_of(folder, INPUT_SUFFIX))):
         if segment.head is not None:
             return
         if not segment.is_torn:
@@ -157,18 +155,18 @@ class InputReplay:
         """
         last, later = self._last, list[Path]()
         for suffix in (INPUT_SUFFIX, IMAGE_SUFFIX, DRAFT_SUFFIX):
-            for number in numbers(self.folder, suffix):
-                path = self.folder / f"{number:08d}{suffix}"
-                if suffix == INPUT_SUFFIX and number > last.number and not InputSegment(path).is_empty:
+            for path in files_of(self.folder, suffix):
+                is_later = int(path.stem) > last.number
+                if suffix == INPUT_SUFFIX and is_later and not InputSegment(path).is_empty:
                     later.append(path)
-                elif number > last.number or suffix == DRAFT_SUFFIX:
+                elif is_later or suffix == DRAFT_SUFFIX:
                     path.unlink()  # a start that failed began it; an image of what comes after the end, or half of one
         if later or not last.is_torn:
             put_aside(last.path, last.end, *later)
         sync_path(self.folder)
-        for number in numbers(self.folder, INPUT_SUFFIX):
-            if number >= self._segments[0].number:  # a killed central has not, and more is about to follow from them
-                sync_path(self.folder / f"{number:08d}{INPUT_SUFFIX}")
+        for path in files_of(self.folder, INPUT_SUFFIX):
+            if int(path.stem) >= self._segments[0].number:  # a killed central has not, and more is to follow from them
+                sync_path(path)
         cut(last.path, last.end)
 
     def _hopeless(self, why: str) -> "NoReplay":

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tca_central.errors import CentralError
-from tca_central.shell.log_writer import cut, is_unbegun, numbers, put_aside, sync_path
+from tca_central.shell.log_writer import cut, files_of, is_unbegun, put_aside, sync_path
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.facts import Closed, Entry, Opened
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
@@ -86,8 +86,7 @@ class WrittenFacts:
 
     def mend(self) -> None:
         """Take away, for good, what was being written: another segment follows. Raises OSError."""
-        for number in numbers(self._folder, SEGMENT_SUFFIX):
-            path = self._folder / f"{number:08d}{SEGMENT_SUFFIX}"
+        for path in files_of(self._folder, SEGMENT_SUFFIX):
             if (not self._paths or path > self._paths[-1]) and is_unbegun(path):
                 path.unlink()
         sync_path(self._folder)
@@ -101,8 +100,7 @@ class WrittenFacts:
     def _of_run(self, epoch: str, after: int) -> list[Path]:
         """The run's segments from the one in which that entry is."""
         found: list[Path] = []
-        for number in reversed(numbers(self._folder, SEGMENT_SUFFIX)):
-            path = self._folder / f"{number:08d}{SEGMENT_SUFFIX}"
+        for path in reversed(files_of(self._folder, SEGMENT_SUFFIX)):
             opened, first = _beginning(path)
             if opened is None:
                 if not is_unbegun(path):  # else central ended while it began it
@@ -150,7 +148,7 @@ def _beginning(path: Path) -> tuple[Opened | None, int]:
 
 def newest_segment(folder: Path) -> tuple[Path, str] | None:
     """The newest segment that says whose it is, and the epoch of its run."""
-    paths = (folder / f"{number:08d}{SEGMENT_SUFFIX}" for number in reversed(numbers(folder, SEGMENT_SUFFIX)))
+    paths = reversed(files_of(folder, SEGMENT_SUFFIX))
     return next(((path, opened.epoch) for path in paths if (opened := _beginning(path)[0]) is not None), None)
 
 

@@ -204,17 +204,17 @@ class Exchange:
         if new:
             self.receive(line.name, headers.Register(self.next_number(), new))
 
-    def _await(self, _line: ModuleLine, actor: Actor, step: Await) -> None:
+    def _await(self, _line: ModuleLine, actor: Actor, step: Await | ReadWish) -> None:
         actor.late_at = None if step.seconds is None else self.now + step.seconds
 
-    def _look(self, _line: ModuleLine, actor: Actor, step: ReadWish) -> None:
+    def _look(self, line: ModuleLine, actor: Actor, step: ReadWish) -> None:
         """A script reads what a client wants of its task."""
         if actor.wishes:
             actor.get(actor.wishes.popleft())
         elif not step.waits:
             actor.get(Got(step.kind))
         else:
-            actor.late_at = None if step.seconds is None else self.now + step.seconds
+            self._await(line, actor, step)
             actor.wake_from_look()
 
     def _get_requested(self, line: ModuleLine, header: Requested, body: bytes) -> None:

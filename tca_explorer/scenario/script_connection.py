@@ -252,9 +252,7 @@ class ScriptConnection:
         """Wait for what a client wants of the task."""
         got = self.delivery.requested.look(ReadWish(waits=True, seconds=seconds))
         if got.is_woken:
-            self._is_told = True
-            why = f"{what} is not waited for any more"
-            raise Stopped(f"its module ends: {why}") if got.module_ends else TaskKilled("its task", why)
+            self._be_woken(got, what)
 
     def call(self, header: Any, what: object, body: bytes = b"", within: float = 0) -> int:
         """Have central do something."""
@@ -309,7 +307,7 @@ class ScriptConnection:
         while not (request.is_over or (is_over is not None and is_over())):
             got = self.do(Await(request.place, seconds))
             if got.is_woken:
-                self._be_woken(request, got, what)
+                self._be_woken(got, what, request)
             if _checked(got, what).is_late:
                 return False
             request.is_over = got.is_over
@@ -319,11 +317,12 @@ class ScriptConnection:
                 request.answers.append((got.answer, got.body))
         return True
 
-    def _be_woken(self, request: ScriptRequest, got: Got, what: str) -> NoReturn:
+    def _be_woken(self, got: Got, what: str, request: ScriptRequest | None = None) -> NoReturn:
         self._is_told = True
-        if got.answer is None and got.refusal is None:
-            self.abandon(request)
-        request.is_over = True
+        if request is not None:
+            if got.answer is None and got.refusal is None:
+                self.abandon(request)
+            request.is_over = True
         why = f"{what} is not waited for any more"
         raise Stopped(f"its module ends: {why}") if got.module_ends else TaskKilled("its task", why)
 

@@ -211,11 +211,14 @@ class _Exploration:
         """A run may end here."""
         left = "".join(f"\n{line}" for line in unfinished(play))
         for one, memory in zip(self.properties, state.memories, strict=True):
+            breach = ""
             if isinstance(one, NeverStuck) and left:
-                return Violation(str(one), f"nothing further need happen, and this is left:{left}", state.actions())
-            if one.is_owed(memory):
+                breach = f"and this is left:{left}"
+            elif one.is_owed(memory):
                 left += "".join(f"\n{words}" for words in _unknown_names(one, self.used))
-                return Violation(str(one), f"nothing further need happen, and it never did{left}", state.actions())
+                breach = f"and it never did{left}"
+            if breach:
+                return Violation(str(one), f"nothing further need happen, {breach}", state.actions())
         return None
 
 

@@ -8,7 +8,6 @@ from tca_module.checks import check_function
 from tca_module.errors import ORDINARY, Timeout
 from tca_module.following.observation import News, Observation, is_progress
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
-from tca_module.log import log_of
 
 C = TypeVar("C")
 
@@ -83,7 +82,6 @@ class ChangeCallback(Generic[C]):
         self._connection = connection
         self._function = function
         self._give = give
-        self._log = log_of(connection.session.module)
 
     def put(self, news: News) -> None:
         """Something has changed: call the function soon."""
@@ -102,4 +100,4 @@ class ChangeCallback(Generic[C]):
             self._function(*given[-self._arguments :])
             self._connection.settle(0, wait=True)
         except ORDINARY:  # its author reads the log
-            self._log.exception("%s failed", getattr(self._function, "__qualname__", self._function))
+            self._connection.log.exception("%s failed", getattr(self._function, "__qualname__", self._function))

@@ -14,7 +14,6 @@ from tca_module.errors import NoCentral
 from tca_module.link.connection import Connection
 from tca_module.link.packet_line import STALL
 from tca_module.link.stop import Stop
-from tca_module.log import log_of
 from tca_module.session.session import quiet_within
 from tca_module.sockets.transport import Waker
 
@@ -46,7 +45,6 @@ class KeepAlive:
         self._stop = stop  #: the module is to end
         self._has_told = False  #: that it is stopped
         self._warned = False
-        self._log = log_of(link.session.module)
         self._keeper = _keeper
         self._keeper.add(self)
         stop.wakes(self._keeper.waker.set)
@@ -66,7 +64,7 @@ class KeepAlive:
         link, address = self._link, self._link.transport.address
         if self._stop.is_set() and not self._has_told:
             self._has_told = True
-            self._log.info("module '%s' has stopped, and handles nothing any more", link.session.module)
+            self._link.log.info("module '%s' has stopped, and handles nothing any more", link.session.module)
             link.session.is_to_withdraw = True
             link.transport.wake()  # if its thread waits on the connection, that reports it
         since = max(self.since, this.heard.get(address, self.since))
@@ -88,14 +86,16 @@ class KeepAlive:
         if is_silent and not self._reconnect and not self._stop.is_set():
             module, lost = link.session.module, link.line.lost()
             self.error = NoCentral(f"module '{module}': {lost}")
-            self._log.error("module '%s' ends: %s", module, lost)
+            self._link.log.error("module '%s' ends: %s", module, lost)
             self._stop.set()
         elif is_silent and not self._warned:
             if address not in this.advice:
                 this.advice[address] = link.line.what_to_do()
-            self._log.warning("central at %s does not answer, and is tried again: %s", address, this.advice[address])
+            link.log.warning(
+                "central at %s does not answer, and is tried again: %s", address, this.advice[address]
+            )
         elif not is_silent and self._warned:
-            self._log.warning("central at %s is back", address)
+            self._link.log.warning("central at %s is back", address)
         self._warned = is_silent
 
 

@@ -7,7 +7,6 @@ from typing import Any, Generic, Self
 from tca_module.checks import TIMEOUT, check
 from tca_module.errors import ORDINARY, BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
 from tca_module.link.connection import Connection
-from tca_module.log import log_of
 from tca_module.session.request import Request
 from tca_wire.messages.declarations import Message, MultiQuery, Query, R
 from tca_wire.packets.headers import Answer
@@ -137,7 +136,6 @@ class Notification(Generic[R]):
         self._pending = pending
         self._callback = callback
         self._on_failure = on_failure
-        self._log = log_of(connection.session.module)
         pending.request.notify = lambda: connection.waiting.callbacks.append(self._call)
 
     def wait(self, timeout: float | None = None) -> bool:
@@ -173,6 +171,7 @@ class Notification(Generic[R]):
                 self._callback(sender, reply)
             self._connection.settle(0, wait=True)
         except ORDINARY:  # its author reads the log
-            self._log.exception("callback %s failed", getattr(self._callback, "__qualname__", self._callback))
+            name = getattr(self._callback, "__qualname__", self._callback)
+            self._connection.log.exception("callback %s failed", name)
         finally:
             self.is_over = True

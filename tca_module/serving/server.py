@@ -11,7 +11,6 @@ from tca_module.checks import check_function
 from tca_module.errors import ORDINARY, MisuseError, TaskKilled
 from tca_module.following.followed_task import life_cycle_of
 from tca_module.link.connection import Connection
-from tca_module.log import log_of
 from tca_module.sending.handler_errors import Rejection
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.task import Task
@@ -105,7 +104,6 @@ class Conversation:
         self._task = task  # that the server has
         self._handler, self._delivery = handler, delivery
         self._connection = connection
-        self._log = log_of(connection.session.module)
         self._one, self._served = task.handled()
         self._served.is_conversing = True
         self._one.on_request += (self._hear_soon,)
@@ -131,7 +129,7 @@ class Conversation:
         except Rejection as error:
             is_granted, why = False, str(error)
         except ORDINARY as error:
-            self._log.exception("%s: the server's answer to %s failed", type(self._server).__name__, request)
+            self._connection.log.exception("%s: the server's answer to %s failed", type(self._server).__name__, request)
             is_granted, why = False, f"its handler failed: {type(error).__name__}: {error}"
         finally:
             task.returned()
