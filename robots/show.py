@@ -10,10 +10,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from click import ClickException, Command
+
 from robots.processes import Processes
 from tca_module import SentTask, TcaError, Timeout
 from tca_tools.drawing.pictures import converted
 from tca_tools.errors import NoPicture
+from tca_tools.gantt.__main__ import gantt
+from tca_tools.tasktree_viz.__main__ import tree
 
 START_TIME = 60.0
 """Seconds within which all programs must be there."""
@@ -81,6 +85,18 @@ def looks(task: SentTask[Any], processes: Processes) -> Iterator[bool]:
             if name := processes.ended():
                 raise TcaError(f"{name} has ended: see {processes.log(name)}") from None
         yield is_over
+
+
+def history(folder: Path, warn: Callable[[str], object] = print) -> Iterator[Path]:
+    """The task tree and the Gantt chart of the run. With *warn* it is said what can't be made, and why."""
+    tools: dict[str, Command] = {"tree.svg": tree, "gantt.svg": gantt}
+    for name, tool in tools.items():
+        try:
+            tool.main([str(folder / "journal"), "-o", str(folder / name)], standalone_mode=False)
+        except ClickException as error:
+            warn(error.format_message())
+        else:
+            yield folder / name
 
 
 def save_picture(path: Path, svg: str) -> list[Path]:

@@ -330,6 +330,12 @@ class State:
             return None
         return self.outcomes.get(task_id, (Outcome.DONE, "", "", b""))
 
+    def known_outcome(self, task_id: int) -> tuple[Outcome, str, str, bytes]:
+        """The outcome of an ended task. Raises RequestError if it is forgotten."""
+        if (outcome := self.outcome_of_ended(task_id)) is not None:
+            return outcome
+        raise RequestError(Refusal.TOO_LATE, f"task {task_id} ended too long ago to know how: see the journal")
+
     def note_failure(
         self, delivery: Delivery, failure: RaisedFailure, *, is_beside: bool = False, by: str = ""
     ) -> None:
@@ -433,8 +439,8 @@ class State:
         """Raises RequestError if a task would stand too deep in the tree."""
         if parent.depth >= self.budget.task_depth:
             message.dropped += 1
-            what, most = f"{message.message_class} '{message.name}'", self.budget.task_depth
-            text = f"{what} would stand {parent.depth + 1:,} tasks deep in the tree, and at most {most:,} are allowed"
+            depth, most = parent.depth + 1, self.budget.task_depth
+            text = f"{message.title} would stand {depth:,} tasks deep in the tree, and at most {most:,} are allowed"
             raise RequestError(Refusal.OVERLOAD, f"{text}: send it under an older task, or set --task-depth of central")
 
     def check_declared(self, size: int) -> None:

@@ -8,14 +8,12 @@ import pkgutil
 import shutil
 import signal
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
 
 import msgspec
-from click import ClickException
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
@@ -33,10 +31,9 @@ from robots.ambler_sim.run.figures import Figures, Usage, figures_of
 from robots.ambler_sim.run.losing import ProgramKiller
 from robots.ambler_sim.vocabulary import KINDS, Rock
 from robots.processes import Processes
+from robots.show import central, history
 from tca_module import Module, Outcome, TaskFailed, TcaError, Timeout
 from tca_module.sending.task_ref import SentTask
-from tca_tools.gantt.__main__ import gantt
-from tca_tools.tasktree_viz.__main__ import tree
 
 MODULES = ("scanner", "mapper", "gait planner")
 RECOVERY = "error recovery"
@@ -112,21 +109,18 @@ class Walk:
 
     def run(self) -> int:
         """Walk, then draw; the exit code."""
-        with tempfile.TemporaryDirectory(prefix="ambler") as sockets:
-            address = f"ipc://{sockets}/central.sock"
-            with Processes(self.folder, {"TCA_CENTRAL": address}) as processes:
-                processes.start("central", "tca_central", "--journal", str(self.folder / "journal"))
-                for name in self.modules:
-                    mode = ("--mode", self.options.mode) if name == "gait planner" else ()
-                    processes.start(name, f"robots.ambler_sim.modules.{name.replace(' ', '_')}", *mode)
-                for name in PLANNERS:
-                    processes.start(name, "robots.ambler_sim.modules.planners", name)
-                for name in self.layers:
-                    processes.start(f"{name} layer", f"robots.ambler_sim.layers.{name.replace(' ', '_')}")
-                if self.options.faults or self.options.fault:
-                    self.start_injector(processes)
-                self.start_controller(processes)
-                code = self.conduct(address, processes)
+        with central(self.folder) as (address, processes):
+            for name in self.modules:
+                mode = ("--mode", self.options.mode) if name == "gait planner" else ()
+                processes.start(name, f"robots.ambler_sim.modules.{name.replace(' ', '_')}", *mode)
+            for name in PLANNERS:
+                processes.start(name, "robots.ambler_sim.modules.planners", name)
+            for name in self.layers:
+                processes.start(f"{name} layer", f"robots.ambler_sim.layers.{name.replace(' ', '_')}")
+            if self.options.faults or self.options.fault:
+                self.start_injector(processes)
+            self.start_controller(processes)
+            code = self.conduct(address, processes)
         self.draw_history()
         if self.options.film and join_frames(self.folder / FRAMES, self.options.film):
             self.outputs.append(("film", self.options.film.resolve()))
@@ -194,7 +188,7 @@ class Walk:
         try:
             picture = module.query(PICTURE, str(self.folder / "robot.png"), timeout=PICTURE_TIME)
         except TcaError as error:
-            console.print(f"no picture of the robot: {error}", style="yellow")
+            _warn(f"no picture of the robot: {error}")
         else:
             self.outputs.append(("the robot", Path(picture)))
 
@@ -223,15 +217,8 @@ class Walk:
 
     def draw_history(self) -> None:
         """The task tree and the Gantt chart, from the journal, by the tools that anybody would use."""
-        journal = str(self.folder / "journal")
-        for title, tool, name in (("task tree", tree, "tree.svg"), ("Gantt chart", gantt, "gantt.svg")):
-            path = self.folder / name
-            try:
-                tool.main([journal, "-o", str(path)], standalone_mode=False)
-            except ClickException as error:
-                console.print(error.format_message(), style="yellow")
-            if path.exists():
-                self.outputs.append((title, path))
+        titles = {"tree.svg": "task tree", "gantt.svg": "Gantt chart"}
+        self.outputs += [(titles[path.name], path) for path in history(self.folder, _warn)]
         self.outputs.append(("journal", self.folder / "journal"))
 
 
@@ -258,6 +245,10 @@ def _watch(
         else:
             progress.console.print("the walk was killed", style="red")
         return 1
+
+
+def _warn(words: str) -> None:
+    console.print(words, style="yellow")
 
 
 def _column(part: object) -> BarColumn | TextColumn:

@@ -4,11 +4,7 @@ others, and charges its battery in between.
 
 import argparse
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
-
-from click import ClickException, Command
 
 from robots.office_sim.drawing import draw, in_words
 from robots.office_sim.layers.battery import IS_LOW
@@ -25,10 +21,8 @@ from robots.office_sim.messages import (
 )
 from robots.office_sim.vocabulary import CupState, LabScene
 from robots.processes import Processes
-from robots.show import START_TIME, between, central, looks, parser_of, save_picture, shown
+from robots.show import START_TIME, between, central, history, looks, parser_of, save_picture, shown
 from tca_module import Client, Message, TcaError, connect
-from tca_tools.gantt.__main__ import gantt
-from tca_tools.tasktree_viz.__main__ import tree
 
 Programs = dict[str, Message[Any, Any]]
 """Beside each program is a message that it handles: once it does, all that it attaches is in force."""
@@ -62,7 +56,7 @@ def _show(options: argparse.Namespace) -> int:
     title, folder = f"seed {options.seed}", options.out
     scene, failure = _shift(options)
     print(f"{title}: {in_words(scene)}")
-    for path in (*save_picture(folder / "lab", draw(scene, title)), *_history(folder)):
+    for path in (*save_picture(folder / "lab", draw(scene, title)), *history(folder)):
         print("made", path)
     if failure:
         raise failure
@@ -104,18 +98,6 @@ def _watch(user: Client, processes: Processes, latest: float) -> tuple[LabScene,
     except TcaError as error:
         return scene, error
     return scene, None
-
-
-def _history(folder: Path) -> Iterator[Path]:
-    """The task tree and the Gantt chart of the run. What can't be made says why."""
-    tools: dict[str, Command] = {"tree.svg": tree, "gantt.svg": gantt}
-    for name, tool in tools.items():
-        try:
-            tool.main([str(folder / "journal"), "-o", str(folder / name)], standalone_mode=False)
-        except ClickException as error:
-            print(error.format_message())
-        else:
-            yield folder / name
 
 
 if __name__ == "__main__":

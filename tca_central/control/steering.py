@@ -185,7 +185,7 @@ def on_suspend(central: State, connection: Connection, header: headers.Suspend, 
 def check_farewell(message: MessageType, task_id: int) -> None:
     """Raises RequestError if that message can't be kept for the termination of that task."""
     if not (message.message_class.is_task and message.message_class.may_react):
-        text = f"{message.message_class} '{message.name}' can't be sent on termination: goals and commands can"
+        text = f"{message.title} can't be sent on termination: goals and commands can"
         raise RequestError(Refusal.PROTOCOL, text)
     if task_id == ROOT:
         text = f"'{message.name}' can't be sent on the termination of the root: it never ends"

@@ -85,15 +85,11 @@ def _living(central: State, observation: Observation) -> list[Task]:
 
 def _tell_end(central: State, connection: Connection, header: Observe) -> None:
     """The task to be observed has ended: tell how."""
-    outcome = central.outcome_of_ended(header.task)
-    if outcome is None:
-        text = f"task {header.task} ended too long ago to know how: see the journal"
-        raise RequestError(Refusal.TOO_LATE, text)
+    result, failure, text, body = central.known_outcome(header.task)
     kept = central.kept.get(header.task)
     name, goal = (kept.message.name, kept.body) if kept is not None else (header.message, b"")
     message = central.registry.messages.get(name)
     cycle = message.life_cycle if message is not None else GENERAL
-    result, failure, text, body = outcome
     change = StateChange(
         header.task, name, -1, cycle.done if result.lets_go_on else cycle.cancelled, "", Party.SERVER,
         text=_why(failure, text), goal=goal, data=body, is_late=True, is_over=True, outcome=result,

@@ -122,7 +122,7 @@ def end_claims_of(central: State, delivery: Delivery, how: str) -> None:
     """A task or message has ended, or its handler has failed: end its claims."""
     for claim in central.claimed_for.pop(delivery, ()):
         if claim.is_granted:
-            _end(central, claim, f"{delivery.message.message_class} '{delivery.message.name}': {how}")
+            _end(central, claim, f"{delivery.message.title}: {how}")
         else:
             refuse_claim(central, claim, Refusal.TOO_LATE, f"what it was wanted for: {how}")
 
@@ -133,7 +133,7 @@ def end_claims_of_killed(central: State, task: Delivery) -> None:
         if not claim.is_granted:
             refuse_claim(central, claim, Refusal.TOO_LATE, "what it was wanted for was killed")
         elif task.slot is None:
-            _end(central, claim, f"{task.message.message_class} '{task.message.name}' was killed")
+            _end(central, claim, f"{task.message.title} was killed")
 
 
 def revoke(central: State, claim: Claim[Connection], why: str, text: str) -> None:

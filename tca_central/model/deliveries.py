@@ -205,6 +205,11 @@ class MessageType(Stored):
         self.first_declared_by = by
 
     @property
+    def title(self) -> str:
+        """For people: "goal 'walk'"."""
+        return f"{self.message_class} '{self.name}'"
+
+    @property
     def life_cycle(self) -> LifeCycle:
         """The life cycle of its tasks."""
         return read_life_cycle(self.format.life_cycle)

@@ -208,8 +208,7 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
 
 def _note_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
     """A connection is gone that had a delivery. If it comes back it may still answer, and learns why that is late."""
-    message = delivery.message
-    what = str(delivery) if isinstance(delivery, Task) else f"{message.message_class} '{message.name}'"
+    what = str(delivery) if isinstance(delivery, Task) else delivery.message.title
     connection.orphans.append(delivery.given_as)
     connection.late[delivery.given_as] = f"the answer of {what} came too late: the module had been lost ({why})"
     if len(connection.late) > MOST_LATE:

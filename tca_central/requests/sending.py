@@ -56,7 +56,7 @@ def _check_message(central: State, header: Send, message: MessageType) -> None:
     if message.is_notice:
         raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a notice: only central sends it")
     if not header.number and message.message_class.has_reply:
-        raise RequestError(Refusal.PROTOCOL, f"{message.message_class} '{message.name}' needs a request number")
+        raise RequestError(Refusal.PROTOCOL, f"{message.title} needs a request number")
     central.check_tap_depth(message)
     if central.is_disk_low and message.message_class.is_task:
         text = f"the disk of central's journal is nearly full: no {message.message_class} is taken before there is room"
@@ -199,7 +199,7 @@ def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> Non
         return
     above = parent.above(until.task)
     if above is not None:
-        text = f"{message.message_class} '{message.name}' under {above} can't watch until that ends, which waits for it"
+        text = f"{message.title} under {above} can't watch until that ends, which waits for it"
         hint = ": leave out waited_for, and it ends with it at the latest" if options.waited_for else ""
         raise RequestError(Refusal.CYCLE, text + hint)
 

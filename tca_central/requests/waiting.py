@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import Any
 
-from tca_central.errors import RequestError
 from tca_central.life_cycles.observing import begin_observers_wait, end_observers_wait
 from tca_central.locks.claims import give_up_claim
 from tca_central.model.budget import WAIT_BYTES
@@ -18,7 +17,7 @@ from tca_central.state import Collector, PresenceWait, State, TaskWait, dropped_
 from tca_wire.journal import facts
 from tca_wire.messages.failures import DEADLOCK
 from tca_wire.packets import headers
-from tca_wire.vocabulary import Dropping, Refusal
+from tca_wire.vocabulary import Dropping
 
 _AWAITED = (Delivery, Collector, TaskWait, Observation)
 _GIVEN_UP = {Dropping.GIVEN_UP: "its sender gave up", Dropping.DEADLOCK: DEADLOCK}
@@ -28,10 +27,7 @@ def on_await_point(central: State, connection: Connection, header: headers.Await
     """A module waits for a moment of a task."""
     moment = checked_moment(header.point)
     task = central.tree.task(header.point.task)
-    known = central.outcome(task) if task is not None else central.outcome_of_ended(header.point.task)
-    if known is None:
-        text = f"task {header.point.task} ended too long ago to know how: see the journal"
-        raise RequestError(Refusal.TOO_LATE, text)
+    known = central.outcome(task) if task is not None else central.known_outcome(header.point.task)
     central.check_declared(WAIT_BYTES)
     wait = TaskWait(connection, header)
     connection.outstanding[header.number] = wait

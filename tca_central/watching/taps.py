@@ -110,15 +110,14 @@ def _place(central: State, header: headers.Tap) -> Task | MessageType:
 def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> None:
     """Raises RequestError if such a message can't be tapped so, or the listener can't listen to it."""
     if tapped.message_class not in CONDITIONS[condition].classes:
-        text = f"{tapped.message_class} '{tapped.name}' can't be tapped '{condition}'"
+        text = f"{tapped.title} can't be tapped '{condition}'"
         raise RequestError(Refusal.PROTOCOL, f"{text}: that never happens to messages of this class")
     if listener.message_class not in LISTENERS or listener.is_notice:
         what = "notice" if listener.is_notice else listener.message_class
         text = f"{what} '{listener.name}' can't listen: informs, broadcasts, goals, commands and monitors can"
         raise RequestError(Refusal.PROTOCOL, text)
     if condition in _PLANNED_BY and listener.message_class.is_task and not listener.message_class.is_goal:
-        who = f"{listener.message_class} '{listener.name}'"
-        text = f"{who} has nothing to plan: '{condition}' it would not hold any planning"
+        text = f"{listener.title} has nothing to plan: '{condition}' it would not hold any planning"
         raise RequestError(Refusal.PROTOCOL, f"{text}; let a goal listen, or mind that {_PLANNED_BY[condition]}")
     heard = tapped.format.reply if condition is Condition.AFTER_REPLIED else tapped.format.data
     difference = first_difference(listener.format.data, heard) if listener.format.data != NO_DATA else ""
@@ -197,7 +196,7 @@ def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, lis
     rule = CONDITIONS[header.condition]
     ends_with_it = tapped.message_class.is_task and rule.finds_it_alive and not rule.is_child
     if not (ends_with_it or ends_by_itself(listener, options) or options.waited_for):
-        text = f"{listener.message_class} '{listener.name}' that listens '{header.condition}' would never end"
+        text = f"{listener.title} that listens '{header.condition}' would never end"
         hint = "say how often, how long or until when it watches, or waited_for=True if somebody ends it"
         raise RequestError(Refusal.PROTOCOL, f"{text}: {hint}")
 

@@ -61,7 +61,7 @@ class Watch(Stored):
 def check_options(central: State, message: MessageType, options: WatchOptions) -> None:
     """Raises RequestError if a monitor can't watch so."""
     polls = message.message_class.has_condition and message.is_aside
-    what = f"{message.message_class} '{message.name}'"
+    what = message.title
     checked_seconds(options.duration, f"{what} with a duration")
     if polls:
         checked_seconds(options.period, f"{what} with a period")

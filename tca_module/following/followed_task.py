@@ -37,18 +37,10 @@ def life_cycle_of(message: Message[Any, Any] | None) -> LifeCycle:
     return message.life_cycle if isinstance(message, TaskMessage) else GENERAL
 
 
-class FollowedTask(Generic[C]):
-    """A task whose state is followed, once that is asked for: ``state``, ``changes()``, ``update()`` and their like.
-
-    Following begins at their first use, or with ``follow()``. Central is then waited for once; later never, and it goes
-    on by itself after a break.
-    """
+class TaskHandle:
+    """A task as a program has it: what its handle provides."""
 
     _origin: int
-    _mirror: Mirror | None = None
-    _changes: Stream[C] | None = None
-
-    # --- what a handle provides --------------------------------------------------------------------------------------
 
     @property
     def message(self) -> str:
@@ -60,10 +52,22 @@ class FollowedTask(Generic[C]):
         raise NotImplementedError
 
     def _connection(self) -> Connection:
+        """The connection of the calling thread."""
         raise NotImplementedError
 
     def _node(self) -> TaskId:
         raise NotImplementedError
+
+
+class FollowedTask(TaskHandle, Generic[C]):
+    """A task whose state is followed, once that is asked for: ``state``, ``changes()``, ``update()`` and their like.
+
+    Following begins at their first use, or with ``follow()``. Central is then waited for once; later never, and it goes
+    on by itself after a break.
+    """
+
+    _mirror: Mirror | None = None
+    _changes: Stream[C] | None = None
 
     def _as_change(self, news: News) -> C:
         """A change as users see it."""

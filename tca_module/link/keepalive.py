@@ -91,9 +91,7 @@ class KeepAlive:
         elif is_silent and not self._warned:
             if address not in this.advice:
                 this.advice[address] = link.line.what_to_do()
-            link.log.warning(
-                "central at %s does not answer, and is tried again: %s", address, this.advice[address]
-            )
+            link.log.warning("central at %s does not answer, and is tried again: %s", address, this.advice[address])
         elif not is_silent and self._warned:
             self._link.log.warning("central at %s is back", address)
         self._warned = is_silent

@@ -10,7 +10,7 @@ import msgspec
 from tca_module import checks
 from tca_module.checks import LateText, check, check_class, check_message, is_brief
 from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
-from tca_module.following.followed_task import FollowedTask, decode_progress, life_cycle_of
+from tca_module.following.followed_task import FollowedTask, TaskHandle, decode_progress, life_cycle_of
 from tca_module.following.observation import News, is_progress
 from tca_module.link.connection import Connection
 from tca_module.link.questions import answered
@@ -70,28 +70,17 @@ def node_of(task: "TaskRef") -> TaskId:
     return task._node()  # noqa: SLF001
 
 
-class SteerableTask(TaskIntervals):
+class SteerableTask(TaskIntervals, TaskHandle):
     """A task of the tree that can be steered, by its handler too: kill, suspend or retry it, look at its relatives.
 
     ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took effect, False if
     the task had ended. Promises for later (``on_termination``, ``keep``) raise Refused ("too late").
     """
 
-    _origin: int
-
     @property
     def id(self) -> TaskId:
         """The task's number, as in the journal."""
         return self._task_id
-
-    @property
-    def message(self) -> str:
-        """The name of the message that the task is."""
-        raise NotImplementedError
-
-    def _connection(self) -> Connection:
-        """The connection of the calling thread."""
-        raise NotImplementedError
 
     def _node(self) -> TaskId:
         """The task that is steered, as requests name it: its id may yet be unknown. Raises MisuseError where there is
