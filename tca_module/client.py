@@ -6,7 +6,7 @@ import os
 import sys
 import threading
 from functools import cache
-from typing import Any, Literal, Self, get_args
+from typing import Any, Self, get_args
 
 import msgspec
 
@@ -15,11 +15,9 @@ from tca_module.checks import check
 from tca_module.errors import CentralLost, MisuseError, NoCentral, NotSent, Refused
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, PATIENCE, Connection
 from tca_module.link.opening import CentralAddress, hello, open_connection
-from tca_module.link.questions import ask
+from tca_module.sending.central_services import Topic
 from tca_module.sending.sender import Sender
-from tca_wire.packets.headers import Ask
 
-Topic = Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
 _TOPIC = checks.ArgumentKind(f"one of {', '.join(get_args(Topic))}", lambda topic: topic in get_args(Topic))
 
 
@@ -54,8 +52,7 @@ class Client(Sender):
         """
         check("status()", _TOPIC, topic=topic)
         check("status()", checks.TIMEOUT, timeout=timeout)
-        answer = ask(self._connection(), Ask(0, topic), f"the question for {topic}", within=timeout)
-        return msgspec.msgpack.decode(answer)
+        return msgspec.msgpack.decode(self._ask_central(topic, timeout))
 
     def close(self) -> None:
         """Say goodbye to central when all that was sent has arrived. Raises NotSent if something may not have, Refused

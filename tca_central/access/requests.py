@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from tca_central.errors import RequestError
-from tca_central.model.deliveries import Connection, Holder, Module, ModuleResource
+from tca_central.model.deliveries import Connection, Holder, Module
 from tca_central.model.task_tree import KeptTask, Task
 from tca_central.state import State
 from tca_wire.packets import headers
@@ -209,14 +209,10 @@ def _get_variable(_: State, connection: Connection, header: headers.GetVariable)
 def _lock(central: State, connection: Connection, header: headers.Lock) -> None:
     """Whatever resource may be meant."""
     for module in central.registry.modules.values():
-        resource = module.resources.get(header.resource)
-        if resource is not None and header.module in ("", module.name, module.called):
-            _lock_one(connection, module, resource)
-
-
-def _lock_one(connection: Connection, module: Module, resource: ModuleResource) -> None:
-    if module is not connection.module:
-        _need(connection, LOCK, f"{module.called}.{resource.name}")
+        if module is connection.module or header.resource not in module.resources:
+            continue
+        if header.module in ("", module.name, module.called):
+            _need(connection, LOCK, f"{module.called}.{header.resource}")
 
 
 def _ask(_: State, connection: Connection, header: headers.Ask) -> None:

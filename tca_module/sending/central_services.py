@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import Any, Self, TypeVar, overload
+from typing import Any, Literal, Self, TypeVar, overload
 
 import msgspec
 
@@ -38,6 +38,7 @@ from tca_wire.text.plain_data import PlainFormat
 from tca_wire.vocabulary import Outcome
 
 X = TypeVar("X")
+Topic = Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
 
 _NO_DEFAULT: Any = object()
 _DECLARED_WITHIN = 0.2  # seconds that central may take to know a message, where the sender would wait for less
@@ -248,25 +249,28 @@ class CentralServices:
 
     # --- directory -------------------------------------------------------------------------------------------------
 
+    def _ask_central(self, topic: Topic, within: float | None = ACKNOWLEDGED_WITHIN) -> bytes:
+        return ask(self._connection(), Ask(0, topic), f"the question for {topic}", within=within)
+
     def modules(self) -> list[ModuleInfo]:
         """The modules that are connected, this one too."""
-        return modules_of(ask(self._connection(), Ask(0, "modules"), "the question for modules"))
+        return modules_of(self._ask_central("modules"))
 
     def messages(self) -> list[MessageInfo]:
         """The messages that are declared, with their formats and handlers."""
-        return messages_of(ask(self._connection(), Ask(0, "messages"), "the question for messages"))
+        return messages_of(self._ask_central("messages"))
 
     def handlers(self, message: Message[Any, Any]) -> list[HandlerInfo]:
         """The handlers of a message, newest first. The newest gets all messages, unless several share a pool."""
-        connection = self._declare(message)
-        return handlers_of(ask(connection, Ask(0, "messages"), "the question for messages"))[message.name]
+        self._declare(message)
+        return handlers_of(self._ask_central("messages"))[message.name]
 
     def declared(self, name: str) -> Any:
         """The message or variable of that name, as some module has declared it, with plain values as data and replies.
         Raises NotDeclared if there is none, MisuseError for a monitor.
         """
         check("declared()", checks.TEXT, name=name)
-        known = msgspec.msgpack.decode(ask(self._connection(), Ask(0, "messages"), "the question for messages"))
+        known = msgspec.msgpack.decode(self._ask_central("messages"))
         found = next((message for message in known if message["message"] == name), None)
         if found is None:
             nearest = get_close_matches(name, [message["message"] for message in known], n=1)
@@ -303,7 +307,7 @@ class CentralServices:
     def _unhandled(self, messages: Iterable[Message[Any, Any]], timeout: float | None) -> str:
         named = {message.name: message.title for message in messages}
         try:
-            answer = ask(self._connection(), Ask(0, "messages"), "the question for messages", within=_WHY_WITHIN)
+            answer = self._ask_central("messages", _WHY_WITHIN)
         except Timeout:
             return f"not all handled within {timeout:g} s: {', '.join(named.values())}"
         known = handlers_of(answer)
