@@ -31,7 +31,7 @@ from robots.ambler_sim.run.figures import Figures, Usage, figures_of
 from robots.ambler_sim.run.losing import ProgramKiller
 from robots.ambler_sim.vocabulary import KINDS, Rock
 from robots.processes import Processes
-from robots.show import central, history
+from robots.show import between, central, history
 from tca_module import Module, Outcome, TaskFailed, TcaError, Timeout
 from tca_module.sending.task_ref import SentTask
 
@@ -255,19 +255,10 @@ def _column(part: object) -> BarColumn | TextColumn:
     return TextColumn(part) if isinstance(part, str) else part  # type: ignore[return-value]
 
 
-def _metres(text: str) -> float:
-    """Of a walk. Raises ValueError for what is no way."""
-    metres = float(text)
-    if not 0.1 <= metres <= FARTHEST:
-        raise argparse.ArgumentTypeError(f"{text} is no distance: give 0.1 to {FARTHEST:g} m")
-    return metres
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim", description=__doc__)
-    parser.add_argument(
-        "--distance", dest="metres", type=_metres, default=6.0, metavar="METRES", help="how far to walk"
-    )
+    parser.add_argument("--distance", dest="metres", type=between(0.1, FARTHEST, "the distance"), default=6.0,
+                        metavar="METRES", help="how far to walk")  # fmt: skip
     parser.add_argument("--arcs", type=int, help="in how many arcs; by default two or more, of about 10 m")
     parser.add_argument("--terrain", choices=TERRAINS, default="rolling", help="what kind of ground")
     parser.add_argument("--out", type=Path, default=Path("walk"), help="folder for journal, logs and pictures")
