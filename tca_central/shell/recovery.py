@@ -10,7 +10,7 @@ import logging
 import socket
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from tca_central.core import Central
@@ -20,7 +20,7 @@ from tca_central.shell.input_log import INPUT_SUFFIX, Head, InputSegment, this_b
 from tca_central.shell.log_writer import Sync
 from tca_central.shell.replaying import InputReplay, NoReplay, check_heads, has_ended, newest_run
 from tca_central.shell.written_facts import WrittenFacts, is_closed, newest_segment
-from tca_wire.journal.facts import Entry
+from tca_wire.journal.facts import Entry, Opened
 
 log = logging.getLogger("tca.central")
 
@@ -38,24 +38,23 @@ SKIPPED = 1_000_000
 class UnfinishedRun:
     """A run that can go on."""
 
-    replay: InputReplay  #: of its inputs
-    facts: WrittenFacts  #: of its journal
+    central: Central
     head: Head  #: of its newest segment of inputs
     first: int  #: the number of its first one
-    missing: list[Entry]  #: entries that the journal lacks
-    may_lack: bool  #: some of its last inputs are not there
-
-    @property
-    def central(self) -> Central:
-        """Central, as the inputs have left it."""
-        return self.replay.central
+    opened: Opened | None  #: of the newest segment of its journal
+    last: Entry  #: the last entry of its journal
+    missing: list[Entry] = field(default_factory=list)  #: entries that the journal lacks
+    inputs: int = 0  #: number of those handled again
+    may_lack: bool = False  #: some of its last inputs are not there
+    known: int = 0  #: number of the events before them
+    aside: int = 0  #: entries that its journal had beyond the inputs
 
     def restarted(self, *, hold: bool) -> Restarted:
         """The event with which it goes on."""
         clock = self.central.clock.now
         longest = LONGEST_AWAY if _was_booted(self.head) else time.monotonic()  # the wall clock may have been set since
         away = min(max(0.0, time.time() - self.head.wall - (clock - self.head.clock)), longest)
-        return Restarted(clock, away, GRACE, hold, SKIPPED if self.may_lack else 0, self.facts.aside)
+        return Restarted(clock, away, GRACE, hold, SKIPPED if self.may_lack else 0, self.aside)
 
     def gone(self) -> Iterator[ConnectionLost]:
         """Those connections whose processes, on this machine, are no more."""
@@ -119,4 +118,7 @@ def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False)
         what = "the last inputs" if head.sync is Sync.NONE else "up to the last second before power was lost"
         log.warning("%s may be missing (--sync %s); %d entries of the journal, to which no input leads, were put aside",
                     what, head.sync, facts.aside)  # fmt: skip
-    return UnfinishedRun(replay, facts, head, segments[0].number, missing, accept or may_lack)
+    return UnfinishedRun(
+        replay.central, head, segments[0].number, facts.opened, facts.last, missing, replay.inputs, accept or may_lack,
+        replay.began, facts.aside,
+    )  # fmt: skip

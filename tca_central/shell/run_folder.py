@@ -72,14 +72,12 @@ class RunFolder:
         if run is None:
             server.log = RunLog(self.path, JournalWriter(self.path, epoch=epoch, version=version, sync=sync), inputs)
             return
-        journal = JournalWriter(
-            self.path, epoch=epoch, version=version, sync=sync, after=run.facts.opened, entry=run.facts.last
-        )
+        journal = JournalWriter(self.path, epoch=epoch, version=version, sync=sync, after=run.opened, entry=run.last)
         for entry in run.missing:
             journal.add(entry)
         if inputs is not None:
             inputs.first = run.first
-        server.log = RunLog(self.path, journal, inputs, known=run.replay.began)
+        server.log = RunLog(self.path, journal, inputs, known=run.known)
         self._go_on(server, run, inputs, hold=hold)
 
     @staticmethod
@@ -90,7 +88,7 @@ class RunFolder:
             inputs.make_safe()  # should power go again now, the same numbers must not be passed over once more
         log.warning(
             "goes on with the run that ended without a goodbye %.1f s ago: %d inputs handled again, %d connections are \
-awaited%s", restarted.away, run.replay.inputs, len(run.central.hold.awaited),
+awaited%s", restarted.away, run.inputs, len(run.central.hold.awaited),
             "; no task starts until 'tca resume' says so" if hold else "",
         )  # fmt: skip
         for lost in run.gone():

@@ -37,7 +37,7 @@ def life_cycle_of(message: Message[Any, Any] | None) -> LifeCycle:
     return message.life_cycle if isinstance(message, TaskMessage) else GENERAL
 
 
-class TaskHandle:
+class NamedTask:
     """A task as a program has it: what its handle provides."""
 
     _origin: int
@@ -59,7 +59,7 @@ class TaskHandle:
         raise NotImplementedError
 
 
-class FollowedTask(TaskHandle, Generic[C]):
+class FollowedTask(NamedTask, Generic[C]):
     """A task whose state is followed, once that is asked for: ``state``, ``changes()``, ``update()`` and their like.
 
     Following begins at their first use, or with ``follow()``. Central is then waited for once; later never, and it goes

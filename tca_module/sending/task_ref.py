@@ -10,7 +10,7 @@ import msgspec
 from tca_module import checks
 from tca_module.checks import LateText, check, check_class, check_message, is_brief
 from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
-from tca_module.following.followed_task import FollowedTask, TaskHandle, decode_progress, life_cycle_of
+from tca_module.following.followed_task import FollowedTask, NamedTask, decode_progress, life_cycle_of
 from tca_module.following.observation import News, is_progress
 from tca_module.link.connection import Connection
 from tca_module.link.questions import answered
@@ -70,7 +70,7 @@ def node_of(task: "TaskRef") -> TaskId:
     return task._node()  # noqa: SLF001
 
 
-class SteerableTask(TaskIntervals, TaskHandle):
+class SteerableTask(TaskIntervals, NamedTask):
     """A task of the tree that can be steered, by its handler too: kill, suspend or retry it, look at its relatives.
 
     ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took effect, False if
