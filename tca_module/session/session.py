@@ -415,7 +415,9 @@ class Session:
                 self.end(request, "central was restarted meanwhile and has forgotten it")
             elif isinstance(request.header, Observe):
                 request.answers.clear()  # about tasks that are no more
-        self._lose_locks("central was restarted and has forgotten it")
+        for lock in self._locks.values():
+            lock.taken = "central was restarted and has forgotten it"
+        self._locks.clear()
         self._replies.clear()
         self.open_deliveries.forget()
         self.sends.forget()
@@ -479,11 +481,8 @@ class Session:
             self.complaints += [f"central refuses this module: {header.text}"] * bool(self.epoch)
         for request in list(self._requests.values()):
             self._refuse(request)
-        self._lose_locks(header.text)
-
-    def _lose_locks(self, why: str) -> None:
         for lock in self._locks.values():
-            lock.taken = why
+            lock.taken = header.text
         self._locks.clear()
 
     def _refuse(self, request: Request) -> None:
