@@ -63,14 +63,20 @@ def shown(parser: argparse.ArgumentParser, show: Callable[[argparse.Namespace], 
 
 
 @contextmanager
-def central(folder: Path, prefix: str = "") -> Iterator[tuple[str, Processes]]:
-    """Central, with a fresh journal in the folder: its address, and the programs beside it."""
+def central(folder: Path, prefix: str = "", *, is_fresh: bool = True) -> Iterator[tuple[str, Processes]]:
+    """Central, with a journal in the folder: its address, and the programs beside it.
+
+    Args:
+        folder: the place of the journal and of what the programs print.
+        prefix: the beginning of their names there.
+        is_fresh: a new run begins also where one is unfinished. False: it continues, as after central was killed.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="show") as sockets:
         address = f"ipc://{sockets}/central.sock"
         with Processes(folder, {"TCA_CENTRAL": address}) as processes:
             journal = str(folder / f"{prefix}journal")
-            processes.start(f"{prefix}central", "tca_central", "--journal", journal, "--fresh")
+            processes.start(f"{prefix}central", "tca_central", "--journal", journal, *["--fresh"] * is_fresh)
             yield address, processes
 
 

@@ -109,7 +109,7 @@ class Walk:
 
     def run(self) -> int:
         """Walk, then draw; the exit code."""
-        with central(self.folder) as (address, processes):
+        with central(self.folder, is_fresh=False) as (address, processes):
             for name in self.modules:
                 mode = ("--mode", self.options.mode) if name == "gait planner" else ()
                 processes.start(name, f"robots.ambler_sim.modules.{name.replace(' ', '_')}", *mode)

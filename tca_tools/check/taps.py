@@ -13,7 +13,7 @@ from tca_wire.points import (
     TaskId,
 )
 from tca_wire.rules import CONDITIONS
-from tca_wire.vocabulary import Role
+from tca_wire.vocabulary import CENTRAL, Role
 
 
 def tap_added(world: JournalWorld, fact: facts.TapAdded) -> None:
@@ -62,9 +62,14 @@ def fired(world: JournalWorld, fact: facts.TapFired) -> None:
         _hold(tapped, listener, CONDITIONS[tap.condition].before, end)
 
 
+def refused(world: JournalWorld, fact: facts.RequestRefused) -> None:
+    """Central says that it sends no listener: there is no room, or too many listen to each other."""
+    world.kept_out = fact.sender == CENTRAL
+
+
 def _pass(world: JournalWorld, tap: facts.TapAdded, tapped: MessageRecord, listener: int) -> None:
     tapped.fired.add(tap.id)
-    tapped.passed[tap.id] = listener
+    tapped.passed[tap.id] = listener or world.kept_out
     if tapped.message != tap.message or tap.task not in (ROOT, tapped.id):
         whose = world.name(tap.task) if tap.task else tap.message
         world.broken(TAPPED, tapped.id, f"wiretap {{{tap.id}}} of {whose} was fired for {tapped}")

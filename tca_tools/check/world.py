@@ -31,6 +31,9 @@ class EndedMessage(NamedTuple):
 class JournalWorld:
     """The messages under way. What ended with the last event is still there; what ended before is not."""
 
+    kept_out = False
+    """Central has said, in the event that is being folded, that it sends no listener."""
+
     def __init__(self, report: Callable[[Violation], None], *, is_whole: bool, events: int = 0) -> None:
         self._report = report
         self.is_whole = is_whole  #: the journal is known from the beginning of the run
@@ -125,6 +128,7 @@ class JournalWorld:
 
     def begin(self, entry: facts.Entry) -> None:
         """An event begins: forget what ended with the one before."""
+        self.kept_out = False
         self.event, self.passed, self.now = entry.number, max(entry.time - self.now, 0.0), entry.time
         for item in self.flagged:
             item.is_new = item.is_retried = item.has_fired = False
