@@ -29,8 +29,8 @@ def life(sync: Sync, seconds: float, cuts: int) -> None:
     """Users at work; central is killed, with a power cut two times of three, while the disk is full now and then."""
     features = frozenset(FEATURES) - ({"lock"} if sync is Sync.BATCH else set())
     options = Options(
-        seconds=seconds, central_crashes=0.005, power_cuts=0.7, full_disks=0.0005, sync=sync, snapshots=0.01, users=2,
-        actions=round(3 * seconds), features=features, away=0.5, slow=0.05, crashes=0.02, checks_each=64,
+        seconds=seconds, central_crashes=0.008, power_cuts=0.7, full_disks=0.0005, sync=sync, snapshots=0.01, users=2,
+        actions=round(0.6 * seconds), features=features, away=0.5, slow=0.05, crashes=0.02, checks_each=64,
     )  # fmt: skip
     daemon = Life(7, options).run().daemon
     assert daemon.cuts >= cuts
@@ -48,7 +48,7 @@ def test_eight_power_cuts_on_one_journal(sync: Sync) -> None:
 @pytest.mark.soak
 @pytest.mark.parametrize("sync", [Sync.ALWAYS, Sync.BATCH])
 def test_five_hundred_power_cuts_on_one_journal(sync: Sync) -> None:
-    life(sync, 900.0, CUTS)
+    life(sync, 750.0, CUTS)
 
 
 @contextmanager
