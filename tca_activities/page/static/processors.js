@@ -177,6 +177,7 @@ function tell({ told, verdict }, { load, response, jitter, overruns, bound, marg
     ["overruns", overruns.toLocaleString("en")], ...bound === null ? [] : [["bound", duration(bound)], ["margin", duration(margin)]]];
   told.replaceChildren(...parts.flatMap(([what, value]) => [element("span", { class: "what", text: ` ${what} ` }), element("span", { class: `value${what === "overruns" && overruns ? " bad" : ""}`, text: value })]));
   verdict.textContent = (refuted || (fits === null ? "not known yet" : fits ? "schedulable" : "not schedulable")) + (ago === null || refuted ? "" : `, last late ${duration(ago)} ago`);
+  verdict.title = verdict.textContent;
   verdict.className = `verdict ${fits === null ? "faint" : fits ? "good" : "bad"}`;
 }
 
