@@ -21,6 +21,7 @@ from tca_wire.journal.facts import Killed, Reached, TimedOut
 from tca_wire.points import (
     ALL_MOMENTS,
     END_ACHIEVING,
+    END_HANDLING,
     END_PLANNING,
     START_ACHIEVING,
     START_HANDLING,
@@ -305,10 +306,11 @@ class Agenda(Stored):
             if task.killed:
                 return task.slot is None
             return task.ignores_parent or bool(task.parent and task.parent.reached & moment)
-        if moment == END_ACHIEVING:
-            may_fail_again = task.rare is not None and task.rare.unheard and not task.killed
-            return task.returned and not (task.children or may_fail_again)
-        return task.returned and not (moment == END_PLANNING and task.unplanned)
+        if moment == END_HANDLING or not task.returned:
+            return task.returned
+        if task.rare is not None and task.rare.unheard and not task.killed:
+            return False  # it may fail again, and have an exception handler to wait for
+        return not (task.children if moment == END_ACHIEVING else moment == END_PLANNING and task.unplanned)
 
     def _reach(self, task: Task, moments: int) -> None:
         task.reached |= moments
