@@ -3,8 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar, overload
 
-import msgspec
-
 from tca_module.checks import NAME, TEXT, LateText, check, check_message
 from tca_module.errors import MisuseError, Refused, Timeout
 from tca_module.following.mirror import C, ChangeCallback, Mirror
@@ -110,12 +108,7 @@ class FollowedTask(NamedTask, Generic[C]):
         """
         mirror = self._followed()
         mirror.observation.catch_up()
-        first = mirror.newest
-        if first is not None and _is_change(first):
-            first = first._replace(change=msgspec.structs.replace(first.change, is_late=True), missed=0)
-        else:
-            first = None
-        return self._stream(timeout, first)
+        return self._stream(timeout, mirror.as_it_stands())
 
     def _stream(self, timeout: float | None = None, first: News | None = None) -> Stream[C]:
         what = f"a change of {self._in_words}"

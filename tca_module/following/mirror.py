@@ -4,10 +4,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Generic, TypeVar
 
+from msgspec.structs import replace
+
 from tca_module.checks import check_function
 from tca_module.errors import ORDINARY, Timeout
 from tca_module.following.observation import News, Observation, is_progress
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
+from tca_wire.vocabulary import Party
 
 C = TypeVar("C")
 
@@ -39,6 +42,16 @@ class Mirror:
         self.has_progressed = is_progress(news) and not (change.is_late and change.data == known)
         if self.has_progressed:
             self.progress = news
+
+    def as_it_stands(self) -> News | None:
+        """How the task stands, in the form in which central tells it late; None while it is in its first state."""
+        if self.newest is None or self.newest.change.serial == 0:
+            return None
+        change = self.newest.change
+        if not change.is_over:
+            data = self.progress.change.data if self.progress is not None else b""
+            change = replace(change, by=Party.CENTRAL, module="", text="", data=data)
+        return self.newest._replace(change=replace(change, transition="", is_late=True), missed=0)
 
     @property
     def state(self) -> str:

@@ -168,6 +168,15 @@ def test_who_comes_late_learns_how_the_task_stands(user: Client, arm: Module, ce
         assert (last.state, last.text, last.by) == ("cancelled", "enough (by visitor)", "central")
 
 
+def test_changes_begin_with_how_a_followed_task_stands(user: Client, arm: Module, central: LocalCentral) -> None:
+    grasp = user.command(GRASP, Grip("cup"), delay=5)
+    grasp.follow()
+    central.advance(5)
+    late = next(grasp.changes())
+    assert (late.state, late.serial, late.is_late, late.transition, late.by) == ("running", 3, True, "", "central")
+    assert late.data == Feel(1.0)
+
+
 def test_how_a_task_has_ended_is_known_afterwards(user: Client, arm: Module, central: LocalCentral) -> None:
     grasp, dropped = user.command(GRASP, Grip("pen")), user.command(GRASP, Grip("cup"))
     central.until_quiet()
