@@ -65,110 +65,108 @@ class JointBase(Component[JointData], ABC):
 
     def _write_limits(self) -> None:
         region = self.limits
+        states = region.states
         region.state("in range")
         region.state("at low")
         region.state("at high")
-        region.states["in range"].to(region.states["at low"], when=self.is_at_low)
-        region.states["in range"].to(region.states["at high"], when=self.is_at_high)
-        region.states["at low"].to(region.states["in range"], when=self.is_in_range)
-        region.states["at high"].to(region.states["in range"], when=self.is_in_range)
+        states["in range"].to(states["at low"], when=self.is_at_low)
+        states["in range"].to(states["at high"], when=self.is_at_high)
+        states["at low"].to(states["in range"], when=self.is_in_range)
+        states["at high"].to(states["in range"], when=self.is_in_range)
 
     def _write_referencing(self) -> None:
         region = self.referencing
+        states = region.states
         region.state("unreferenced")
         region.state("searching", exit=self.halt)
-        region.states["searching"].state(
+        states["searching"].state(
             "to switch",
             activity=self.seek_switch,
             period=0.02,
             estimate=0.0001,
         )
-        region.states["searching"].state(
+        states["searching"].state(
             "off switch",
             activity=self.leave_switch,
             period=0.01,
             estimate=0.0001,
         )
         region.state("referenced", entry=self.set_zero)
-        region.states["unreferenced"].to(
-            region.states["searching"],
+        states["unreferenced"].to(
+            states["searching"],
             on="reference",
             needs=["enabling.enabled", "movement.standing"],
         )
-        region.states["referenced"].to(
-            region.states["searching"],
+        states["referenced"].to(
+            states["searching"],
             on="reference",
             needs=["enabling.enabled", "movement.standing"],
         )
-        region.states["to switch"].to(
-            region.states["off switch"],
-            needs=["limits.at low"],
-        )
-        region.states["off switch"].to(
-            region.states["referenced"],
-            needs=["limits.in range"],
-        )
-        region.states["searching"].to(region.states["unreferenced"], on="stop")
-        region.states["searching"].to(region.states["unreferenced"], on="disable")
+        states["to switch"].to(states["off switch"], needs=["limits.at low"])
+        states["off switch"].to(states["referenced"], needs=["limits.in range"])
+        states["searching"].to(states["unreferenced"], on="stop")
+        states["searching"].to(states["unreferenced"], on="disable")
 
     def _write_enabling(self) -> None:
         region = self.enabling
+        states = region.states
         region.state("disabled", entry=self.power_off)
         region.state("powering", entry=self.power_on)
         region.state("enabled")
-        region.states["disabled"].to(region.states["powering"], on="enable")
-        region.states["powering"].to(region.states["enabled"], when=self.has_power)
-        region.states["powering"].to(region.states["disabled"], on="disable")
-        region.states["enabled"].to(region.states["disabled"], on="disable")
+        states["disabled"].to(states["powering"], on="enable")
+        states["powering"].to(states["enabled"], when=self.has_power)
+        states["powering"].to(states["disabled"], on="disable")
+        states["enabled"].to(states["disabled"], on="disable")
 
     def _write_movement(self) -> None:
         region = self.movement
+        states = region.states
         region.state("standing")
         region.state("moving")
-        region.states["moving"].state(
+        states["moving"].state(
             "to position",
             activity=self.approach,
             period=0.01,
             estimate=0.0001,
         )
-        region.states["moving"].state(
+        states["moving"].state(
             "at speed",
             activity=self.keep_speed,
             period=0.05,
             estimate=0.0001,
         )
         region.state("braking", entry=self.halt)
-        region.states["standing"].to(
-            region.states["to position"],
+        states["standing"].to(
+            states["to position"],
             on="move",
             needs=["enabling.enabled", "referencing.referenced"],
         )
-        region.states["standing"].to(
-            region.states["at speed"],
+        states["standing"].to(
+            states["at speed"],
             on="jog",
             when=self.may_jog,
             needs=["enabling.enabled"],
         )
-        region.states["moving"].to(region.states["standing"], on="disable")
-        region.states["moving"].to(region.states["braking"], on="stop")
-        region.states["moving"].to(
-            region.states["to position"],
+        states["moving"].to(states["standing"], on="disable")
+        states["moving"].to(states["braking"], on="stop")
+        states["moving"].to(
+            states["to position"],
             on="move",
             needs=["referencing.referenced"],
         )
-        region.states["moving"].to(region.states["at speed"], on="jog")
-        region.states["at speed"].to(
-            region.states["braking"],
+        states["moving"].to(states["at speed"], on="jog")
+        states["at speed"].to(
+            states["braking"],
             when=self.goes_down,
             needs=["limits.at low"],
         )
-        region.states["at speed"].to(
-            region.states["braking"],
+        states["at speed"].to(
+            states["braking"],
             when=self.goes_up,
             needs=["limits.at high"],
         )
-        region.states["to position"].to(region.states["braking"], when=self.has_arrived)
-        region.states["braking"].to(region.states["standing"], when=self.is_still)
+        states["to position"].to(states["braking"], when=self.has_arrived)
+        states["braking"].to(states["standing"], when=self.is_still)
 
     @abstractmethod
     def take_sensed(self, value: Sensed) -> None:
@@ -340,44 +338,35 @@ class GuideBase(Component[GuideData], ABC):
 
     def _write_travel(self) -> None:
         region = self.travel
+        states = region.states
         region.state("resting")
         region.state("travelling", entry=self.set_out)
-        region.states["resting"].to(
-            region.states["travelling"],
-            on="go",
-            needs=["cleaning.idle"],
-        )
-        region.states["travelling"].to(region.states["travelling"], on="go")
-        region.states["travelling"].to(region.states["resting"], when=self.is_there)
-        region.states["travelling"].to(region.states["resting"], on="stop")
+        states["resting"].to(states["travelling"], on="go", needs=["cleaning.idle"])
+        states["travelling"].to(states["travelling"], on="go")
+        states["travelling"].to(states["resting"], when=self.is_there)
+        states["travelling"].to(states["resting"], on="stop")
 
     def _write_cleaning(self) -> None:
         region = self.cleaning
+        states = region.states
         region.state("idle")
         region.state("working")
-        region.states["working"].state("approaching", entry=self.go_to_first)
-        region.states["working"].state("pressing", entry=self.put_tool_out)
-        region.states["working"].state(
+        states["working"].state("approaching", entry=self.go_to_first)
+        states["working"].state("pressing", entry=self.put_tool_out)
+        states["working"].state(
             "wiping",
             activity=self.follow,
             period=0.05,
             estimate=0.0001,
         )
         region.state("lifting", entry=self.take_tool_back)
-        region.states["idle"].to(
-            region.states["working"],
-            on="clean",
-            needs=["travel.resting"],
-        )
-        region.states["approaching"].to(
-            region.states["pressing"],
-            when=self.is_at_first,
-        )
-        region.states["pressing"].to(region.states["wiping"], when=self.is_tool_out)
-        region.states["wiping"].to(region.states["lifting"], when=self.is_pattern_done)
-        region.states["lifting"].to(region.states["idle"], when=self.is_tool_back)
-        region.states["lifting"].to(region.states["idle"], on="stop")
-        region.states["working"].to(region.states["idle"], on="stop")
+        states["idle"].to(states["working"], on="clean", needs=["travel.resting"])
+        states["approaching"].to(states["pressing"], when=self.is_at_first)
+        states["pressing"].to(states["wiping"], when=self.is_tool_out)
+        states["wiping"].to(states["lifting"], when=self.is_pattern_done)
+        states["lifting"].to(states["idle"], when=self.is_tool_back)
+        states["lifting"].to(states["idle"], on="stop")
+        states["working"].to(states["idle"], on="stop")
 
     @abstractmethod
     def take_command(self, value: str) -> None:

@@ -91,18 +91,20 @@ def _base(component: ComponentModel) -> Iterator[str]:
 
 def _region(region: RegionModel) -> Iterator[str]:
     yield f"        region = self.{region.name}"
+    if region.transitions or any(state.inside for state in region.states):
+        yield "        states = region.states"
     for state in ordered(region.states):
-        around = f"region.states[{literal(state.inside)}]" if state.inside else "region"
+        around = f"states[{literal(state.inside)}]" if state.inside else "region"
         yield from call(8, f"{around}.state(", _state(state))
     for transition in region.transitions:
-        arguments = [f"region.states[{literal(transition.target)}]"]
+        arguments = [f"states[{literal(transition.target)}]"]
         if transition.on:
             arguments.append(f"on={literal(transition.on)}")
         if transition.when:
             arguments.append(f"when=self.{transition.when}")
         if transition.needs:
             arguments.append(f"needs=[{', '.join(map(literal, transition.needs))}]")
-        yield from call(8, f"region.states[{literal(transition.source)}].to(", arguments)
+        yield from call(8, f"states[{literal(transition.source)}].to(", arguments)
 
 
 def _state(state: StateModel) -> Iterator[str]:
