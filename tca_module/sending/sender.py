@@ -75,6 +75,20 @@ class TaskOptions(TypedDict, total=False):
     suspended: bool
 
 
+class QueryOptions(TypedDict, total=False):
+    """The options of ``query``: seconds to wait (None: for ever), and which query is first at a busy resource."""
+
+    timeout: float | None
+    priority: int
+
+
+class RepliesOptions(TypedDict, total=False):
+    """The options of ``multi_query``: how many replies (None: all), and seconds to wait (None: for ever)."""
+
+    maximum: int | None
+    timeout: float | None
+
+
 _OPTIONS = dict.fromkeys(TaskOptions.__annotations__, checks.FLAG) | {
     "priority": checks.PRIORITY,
     "constraints": checks.CONSTRAINTS,
@@ -216,11 +230,9 @@ class Sender(WatchingServices):
     # --- questions -------------------------------------------------------------------------------------------------
 
     @overload
-    def query(
-        self, message: Query[None, R], data: None = None, *, timeout: float | None = ..., priority: int = ...
-    ) -> R: ...
+    def query(self, message: Query[None, R], data: None = None, **options: Unpack[QueryOptions]) -> R: ...
     @overload
-    def query(self, message: Query[D, R], data: D, *, timeout: float | None = ..., priority: int = ...) -> R: ...
+    def query(self, message: Query[D, R], data: D, **options: Unpack[QueryOptions]) -> R: ...
     def query(
         self, message: Query[Any, R], data: Any = None, *, timeout: float | None = QUERY_TIMEOUT, priority: int = 0
     ) -> R:
@@ -283,12 +295,10 @@ class Sender(WatchingServices):
 
     @overload
     def multi_query(
-        self, message: MultiQuery[None, R], data: None = None, *, maximum: int | None = ..., timeout: float | None = ...
+        self, message: MultiQuery[None, R], data: None = None, **options: Unpack[RepliesOptions]
     ) -> list[R]: ...
     @overload
-    def multi_query(
-        self, message: MultiQuery[D, R], data: D, *, maximum: int | None = ..., timeout: float | None = ...
-    ) -> list[R]: ...
+    def multi_query(self, message: MultiQuery[D, R], data: D, **options: Unpack[RepliesOptions]) -> list[R]: ...
     def multi_query(
         self, message: MultiQuery[Any, R], data: Any = None, *, maximum: int | None = None,
         timeout: float | None = QUERY_TIMEOUT,
@@ -303,11 +313,11 @@ class Sender(WatchingServices):
 
     @overload
     def multi_query_send(
-        self, message: MultiQuery[None, R], data: None = None, *, maximum: int | None = ..., timeout: float | None = ...
+        self, message: MultiQuery[None, R], data: None = None, **options: Unpack[RepliesOptions]
     ) -> PendingReplies[R]: ...
     @overload
     def multi_query_send(
-        self, message: MultiQuery[D, R], data: D, *, maximum: int | None = ..., timeout: float | None = ...
+        self, message: MultiQuery[D, R], data: D, **options: Unpack[RepliesOptions]
     ) -> PendingReplies[R]: ...
     def multi_query_send(
         self, message: MultiQuery[Any, R], data: Any = None, *, maximum: int | None = None,
