@@ -20,23 +20,19 @@ class LookAhead:
     ) -> None:
         """*tell*: takes what functions raise that only a preview calls, in words."""
         self._machine = machine
-        self._mistakes = Mistakes(tell)
+        self.mistakes = Mistakes(tell)
+        """Takes what functions raise that only a preview calls."""
         self._policy = policy
         self._limits = limits
         self._needed = needed_later(machine)
 
-    @property
-    def mistakes(self) -> Mistakes:
-        """Take what functions raise that only a preview calls."""
-        return self._mistakes
-
     def decide(self, present: Present) -> Decision:
         """The states that are foreseen, and what to start and stop."""
-        automaton = self._machine.automaton(present.situation, self._mistakes)
-        return decide(automaton, present, self._policy, self._needed, self._limits, self._mistakes)
+        automaton = self._machine.automaton(present.situation, self.mistakes)
+        return decide(automaton, present, self._policy, self._needed, self._limits, self.mistakes)
 
     def data_at(self, activity: Activity, share: float, rank: int, otherwise: str) -> list[Any] | None:
         """The data of an activity's tasks at a share of full speed and a rank; None if it has none. *otherwise*: what
         becomes of it then, in words.
         """
-        return self._mistakes.otherwise(None, f"{activity!r} {otherwise}", lambda: activity.data_at(share, rank))
+        return self.mistakes.otherwise(None, f"{activity!r} {otherwise}", lambda: activity.data_at(share, rank))

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection
 from pathlib import Path
-from types import TracebackType
 from typing import Any, ClassVar, Literal, Self
 
 from tca_missions.charts.drawing import draw
@@ -33,21 +32,20 @@ class StateMachine:
             raise MisuseError(f"a machine needs a name, not {name!r:.60}")
         self.name = name
         self._written: list[ContainerState] = []
-        self._root = ContainerState(self._kind, name, None, self._written)
+        self.root = ContainerState(self._kind, name, None, self._written)
+        """The container that is the whole machine."""
         self._labelled: dict[str, MachineState] = {}
         self._chart: MachineChart | None = None
 
     def __repr__(self) -> str:
-        return repr(self._root)
+        return repr(self.root)
 
     def __enter__(self) -> Self:
-        self._root.__enter__()
+        self.root.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._root.__exit__()
+    def __exit__(self, kind: object, *_: object) -> None:
+        self.root.__exit__()
         if kind is None:
             self._build()
 
@@ -95,7 +93,7 @@ class StateMachine:
 
     def _checked(self, label: str, default: str) -> tuple[str, ContainerState]:
         """The label of a new state, and the container in which it is written."""
-        if not self._root.is_open or not self._written:
+        if not self.root.is_open or not self._written:
             raise MisuseError(f"{self!r}: its states are written inside its with block")
         if not isinstance(label, str):
             raise MisuseError(f"the label of a state is text, not {label!r:.60}; parameters are given by name")
@@ -118,16 +116,11 @@ class StateMachine:
 
         Whatever ends the wait (Ctrl-C, a condition of the mission, an error) stops all its tasks.
         """
-        return run_as_task(self._root, self.chart, mission)
+        return run_as_task(self.root, self.chart, mission)
 
     def draw(self, path: str | Path, *, active: Collection[int] = ()) -> None:
         """Draw it into a file, .svg, .png, .pdf or .dot. States whose numbers are in *active* stand out."""
         draw(self.chart, Path(path), active)
-
-    @property
-    def root(self) -> MachineState:
-        """The container that is the whole machine."""
-        return self._root
 
     @property
     def chart(self) -> MachineChart:
@@ -137,10 +130,10 @@ class StateMachine:
         return self._chart
 
     def _build(self) -> None:
-        states = list(self._root.all())
+        states = list(self.root.all())
         for state in states:
             state.resolve(self._labelled)
-        endings = endings_of(self._root)
+        endings = endings_of(self.root)
         number = {state: at for at, state in enumerate(states)}
         rows = []
         for state in states:
@@ -168,7 +161,7 @@ class Concurrence(StateMachine):
 
     def __init__(self, name: str, *, until: Literal["any", "all"] = "any") -> None:
         super().__init__(name)
-        self._root.kind = _concurrence(until)
+        self.root.kind = _concurrence(until)
 
 
 def _concurrence(until: str) -> StateKind:

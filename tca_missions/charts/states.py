@@ -26,7 +26,8 @@ class MachineState:
         self.is_open = True
         """Whether the machine is still being written."""
         self._named: dict[Ending, MachineState | str] = {}
-        self._targets: dict[Ending, MachineState] = {}
+        self.written: dict[Ending, MachineState] = {}
+        """The states that ``on`` names, once the machine is built."""
         if parent is not None:
             parent.children.append(self)
 
@@ -59,11 +60,6 @@ class MachineState:
             self._named[ending] = target
         return self
 
-    @property
-    def written(self) -> "dict[Ending, MachineState]":
-        """The states that ``on`` names."""
-        return self._targets
-
     def resolve(self, labelled: "dict[str, MachineState]") -> None:
         """Find the states that ``on`` names by label; nothing can be written any more."""
         self.is_open = False
@@ -71,12 +67,12 @@ class MachineState:
             if isinstance(target, str) and target not in labelled:
                 known = ", ".join(f"'{label}'" for label in labelled)
                 raise UnsoundMachine(f"{self!r}: on({ending}='{target}') names no state; there are {known}")
-            self._targets[ending] = labelled[target] if isinstance(target, str) else target
+            self.written[ending] = labelled[target] if isinstance(target, str) else target
 
     def target(self, ending: Ending) -> "MachineState | None":
         """The state that follows an ending; None where the ending is passed on to the container."""
-        if ending in self._targets:
-            return self._targets[ending]
+        if ending in self.written:
+            return self.written[ending]
         if ending == "completed" and self.parent is not None and self.parent.kind is StateKind.SEQUENCE:
             brothers = self.parent.children
             return next(iter(brothers[brothers.index(self) + 1 :]), None)

@@ -106,7 +106,7 @@ class Observation:
         self._round = ("", 0)  # the central, and the request, that tell of these
         self._is_complete = False  # they have told of all
         self._is_given_up = False
-        self._request = self._ask()
+        self.request = self._ask()  #: as it stands
 
     def _ask(self) -> Request:
         request = self.connection.request(self._header, wants_answer=True)
@@ -124,12 +124,7 @@ class Observation:
     def hold(self) -> None:
         """Go on also if nobody has this: ``on_news`` is wanted until the end, or ``close()``."""
         self._is_held = True
-        self._request.notify = self._take_in
-
-    @property
-    def request(self) -> Request:
-        """The request, as it stands."""
-        return self._request
+        self.request.notify = self._take_in
 
     # --- reading -----------------------------------------------------------------------------------------------------
 
@@ -141,7 +136,7 @@ class Observation:
     @property
     def is_over(self) -> bool:
         """Whether nothing more will come."""
-        return self._request.is_over and not self._request.answers
+        return self.request.is_over and not self.request.answers
 
     def unread(self, wants: Wants = lambda _: True) -> Unread:
         """A place for news from now on."""
@@ -159,7 +154,7 @@ class Observation:
         self.catch_up()
         if not is_there():
             try:
-                self.connection.wait(self._request, timeout, self._what, lambda: self._settles(is_there))
+                self.connection.wait(self.request, timeout, self._what, lambda: self._settles(is_there))
             except BaseException as error:
                 self._on_error(error)
                 raise
@@ -171,7 +166,7 @@ class Observation:
         self.catch_up()
         if not is_there():
             try:
-                yield from self.connection.until_over(self._request, self._what, lambda: self._settles(is_there))
+                yield from self.connection.until_over(self.request, self._what, lambda: self._settles(is_there))
             except Deadlock as error:
                 self._on_error(error)
                 raise
@@ -186,7 +181,7 @@ class Observation:
         the caller goes on.
         """
         if self._is_held:
-            self.connection.hear_out(self._request)
+            self.connection.hear_out(self.request)
 
     def _call(self) -> None:
         """Functions are called with what has come before the caller goes on, who knows it, too."""
@@ -197,10 +192,10 @@ class Observation:
         """A wait has ended with an error: it has given the request up, or central has, because it could never end. So
         it begins anew: now, if functions are called, else when somebody looks.
         """
-        self._is_given_up = not self._request.is_over or isinstance(error, Deadlock)
+        self._is_given_up = not self.request.is_over or isinstance(error, Deadlock)
         if self._is_given_up and self._is_held:
             with suppress(CentralLost):
-                self._is_given_up, self._request = False, self._ask()
+                self._is_given_up, self.request = False, self._ask()
         if isinstance(error, CentralLost):
             self._have_been_told()
 
@@ -216,39 +211,39 @@ class Observation:
     def catch_up(self) -> None:
         """Take in what has arrived; begin anew if a wait has given the request up. Never waits."""
         if self._is_given_up:
-            self._is_given_up, self._request = False, self._ask()
+            self._is_given_up, self.request = False, self._ask()
         self.connection.catch_up()
         self._take_in()
 
     def nudge(self) -> None:
         """Let a coroutine that waits look again."""
-        if self._request.wakes is not None:
-            self._request.wakes()
+        if self.request.wakes is not None:
+            self.request.wakes()
 
     def check(self) -> None:
         """Raise the error that the request came to, if any."""
-        self._request.check(self._what)
+        self.request.check(self._what)
 
     def close(self) -> None:
         """Want no more news."""
-        if not self._request.is_over:
-            self.connection.abandon(self._request)
-        self._request.is_over, self._is_given_up = True, False
-        self._request.notify = None
-        self._request.answers.clear()
+        if not self.request.is_over:
+            self.connection.abandon(self.request)
+        self.request.is_over, self._is_given_up = True, False
+        self.request.notify = None
+        self.request.answers.clear()
 
     # --- what comes --------------------------------------------------------------------------------------------------
 
     def _take_in(self) -> None:
-        while self._request.answers:
-            answer, body = self._request.answers.popleft()
+        while self.request.answers:
+            answer, body = self.request.answers.popleft()
             if body:
                 self._on_change(_decode(body))
             elif answer.more:
                 self._on_all_told()
-        refused = self._request.refused
+        refused = self.request.refused
         is_refused_wait = refused is not None and refused.refusal is Refusal.DEADLOCK  # who waits hears it
-        if self._is_held and self._request.has_failed and not is_refused_wait:
+        if self._is_held and self.request.has_failed and not is_refused_wait:
             self._is_held = False
             try:
                 self.check()
@@ -270,7 +265,7 @@ class Observation:
 
     def _begin_round(self) -> None:
         """Central tells how things stand, if it does not already."""
-        epoch, number = self.connection.session.epoch, self._request.header.number
+        epoch, number = self.connection.session.epoch, self.request.header.number
         if (epoch, number) != self._round:
             if epoch != self._round[0]:
                 self._forget(list(self._known), "central was restarted and has forgotten it")

@@ -3,7 +3,7 @@
 import math
 import threading
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Generic, Protocol, TypeVar
 
 from tca_module.checks import DELAY, PERIOD, check, check_function
@@ -119,7 +119,7 @@ class Callbacks:
         self._lock = threading.RLock()
         self._starts: dict[Callback, Callable[[float], None]] = {}  #: by callback: lets it be due, from now on
         self._observers: list[StateObserver] = []
-        self._files: dict[int, Callback] = {}
+        self.files: dict[int, Callback] = {}  #: the files to wait for, and who waits for each
         self._timers: Timers[Callback] = Timers()
         self._due: deque[Callback] = deque()
         self._log = log_of(module)
@@ -147,9 +147,9 @@ class Callbacks:
         file = _checked_file(source)
         callback = Callback(self, function)
         with self._lock:
-            if (known := self._files.get(file)) is not None:
+            if (known := self.files.get(file)) is not None:
                 raise MisuseError(f"{known} waits for file {file} already: cancel() that first")
-            self._files[file] = callback
+            self.files[file] = callback
             return self._add(callback, lambda _: None)
 
     def observe(self, observer: StateObserver) -> None:
@@ -169,7 +169,7 @@ class Callbacks:
         with self._lock:
             self._starts.pop(callback, None)
             self._timers.remove(callback)
-            self._files = {file: one for file, one in self._files.items() if one is not callback}
+            self.files = {file: one for file, one in self.files.items() if one is not callback}
 
     def begin(self, connection: Connection) -> None:
         """A thread calls them from now on."""
@@ -198,17 +198,12 @@ class Callbacks:
         with self._lock:
             return min(seconds, self._transport.seconds_until(self._timers.next()))
 
-    @property
-    def files(self) -> Collection[int]:
-        """The files to wait for."""
-        return self._files
-
     def found(self, ready: Mapping[int, bool]) -> None:
         """The wait is over: these files can be read, or (False) are closed."""
         with self._lock:
             self._due.extend(self._timers.take_due(self._transport.time()))
             for file, is_open in ready.items():
-                callback = self._files.get(file)
+                callback = self.files.get(file)
                 if callback is not None and is_open:
                     self._due.append(callback)
                 elif callback is not None:

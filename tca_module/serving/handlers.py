@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Coroutine
-from typing import Any, Protocol, overload
+from typing import Any, Protocol, TypeVar, overload
 
 from tca_module.checks import check_function, is_async
 from tca_module.errors import NIL, ORDINARY, MisuseError, Stopped, TaskKilled
@@ -17,8 +17,12 @@ from tca_wire.messages.declarations import D, Message, R
 from tca_wire.packets.headers import Deliver, Fail, Reply
 from tca_wire.packets.parts import HandlerFormat
 
+T = TypeVar("T")
+
 Coming = Coroutine[Any, Any, R | LaterReply[R]]
 """The coroutine of an ``async def`` handler."""
+WithoutData = Callable[[Task], T] | Callable[[Task, None], T]
+"""The handler of a message without data."""
 
 
 class HandlerDecorator(Protocol[D, R]):
@@ -44,19 +48,13 @@ class HandlerDecoratorWithoutData(Protocol[R]):
     """Declares a handler of a message without data, which need not be an argument."""
 
     @overload
-    def __call__(self, function: Callable[[Task], R] | Callable[[Task, None], R], /) -> Callable[..., R]: ...
+    def __call__(self, function: WithoutData[R], /) -> Callable[..., R]: ...
     @overload
-    def __call__(
-        self, function: Callable[[Task], R | LaterReply[R]] | Callable[[Task, None], R | LaterReply[R]], /
-    ) -> Callable[..., R | LaterReply[R]]: ...
+    def __call__(self, function: WithoutData[R | LaterReply[R]], /) -> Callable[..., R | LaterReply[R]]: ...
     @overload
-    def __call__(
-        self, function: Callable[[Task], Coroutine[Any, Any, R]] | Callable[[Task, None], Coroutine[Any, Any, R]], /
-    ) -> Callable[..., Coroutine[Any, Any, R]]: ...
+    def __call__(self, function: WithoutData[Coroutine[Any, Any, R]], /) -> Callable[..., Coroutine[Any, Any, R]]: ...
     @overload
-    def __call__(
-        self, function: Callable[[Task], Coming[R]] | Callable[[Task, None], Coming[R]], /
-    ) -> Callable[..., Coming[R]]: ...
+    def __call__(self, function: WithoutData[Coming[R]], /) -> Callable[..., Coming[R]]: ...
 
 
 Answer = tuple[Reply | Fail, bytes] | LaterReply[Any]

@@ -33,14 +33,10 @@ class Folder:
 
     def __init__(self, path: Path, epoch: str | None = None) -> None:
         self.path = path
-        self._epoch = epoch
+        self.epoch = epoch
+        """Of the run; None while it is not known."""
         self._is_chosen = epoch is not None
         self._openings: dict[Path, Opened] = {}
-
-    @property
-    def epoch(self) -> str | None:
-        """Of the run; None while it is not known."""
-        return self._epoch
 
     def segments(self) -> list[Path]:
         """The segments of the run that there are now, oldest first."""
@@ -53,7 +49,7 @@ class Folder:
             if opening is None:
                 if _number_in(path) > before:
                     by_number.setdefault((_number_in(path) - before, path.name), path)
-            elif opening.epoch == self._epoch:
+            elif opening.epoch == self.epoch:
                 by_number.setdefault((opening.segment, ""), path)
         return [by_number[number] for number in sorted(by_number)]
 
@@ -98,7 +94,7 @@ class Folder:
 
     def _numbered_before(self) -> int:
         """The last number of segments of earlier runs: central goes on with the next one."""
-        mine = [(path, one.segment) for path, one in self._openings.items() if one.epoch == self._epoch]
+        mine = [(path, one.segment) for path, one in self._openings.items() if one.epoch == self.epoch]
         return max(0, min((int(path.stem) - number for path, number in mine if path.stem.isdecimal()), default=0))
 
     @property
@@ -106,12 +102,12 @@ class Folder:
         """A line for what lies there beside the run: segments of other runs, and copies."""
         shown = self.segments()
         left_out = [path for path in segments_in(self.path) if path in self._openings and path not in shown]
-        others = [path for path in left_out if self._openings[path].epoch != self._epoch]
+        others = [path for path in left_out if self._openings[path].epoch != self.epoch]
         copies = [path for path in left_out if path not in others]
         told = []
         if others and not self._is_chosen:
             runs = self.epochs()
-            number = next((place for place, one in enumerate(runs, 1) if one.epoch == self._epoch), len(runs))
+            number = next((place for place, one in enumerate(runs, 1) if one.epoch == self.epoch), len(runs))
             another = f"{self.path}#{number - 1 or 2}"
             told.append(
                 f"{self.path}: {len(runs)} runs lie there: this is the one that began last ({_names(shown)});"
@@ -143,8 +139,8 @@ class Folder:
         for path in paths:
             if path not in self._openings and (opening := _opening(path)) is not None:
                 self._openings[path] = opening
-        if self._epoch is None and self._openings:
-            self._epoch = self._in_order()[-1].epoch
+        if self.epoch is None and self._openings:
+            self.epoch = self._in_order()[-1].epoch
 
 
 def segments_in(folder: Path) -> list[Path]:

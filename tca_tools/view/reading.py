@@ -7,7 +7,6 @@ from contextlib import suppress
 from itertools import groupby
 from operator import attrgetter
 from time import monotonic
-from types import TracebackType
 from typing import Any, Self
 
 from tca_tools.errors import ToolError, UnusableLog
@@ -67,9 +66,7 @@ class Reading:
         self._grown.acquire()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._grown.release()
 
     def start(self) -> None:
