@@ -1,5 +1,8 @@
 """Errors of the tools; each is shown as one line, and its exit code is the program's."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import click
 
 
@@ -25,3 +28,12 @@ class UnusableLog(ToolError):
     """LOG is no journal that can be read at all: wrong usage."""
 
     exit_code = 2
+
+
+@contextmanager
+def raised_as(kind: type[Exception]) -> Iterator[None]:
+    """For libraries that use a tool: its errors, as errors of their own."""
+    try:
+        yield
+    except ToolError as error:
+        raise kind(error.message) from None

@@ -96,9 +96,9 @@ ONLY_IN = {
 EXCEPTIONS = {
     ("tca_module/testing.py", "tca_central"),  # the real core for users' tests
     ("tca_tools/check/rerun.py", "tca_central"),  # whose inputs are handled again
-    ("tca_missions/charts/drawing.py", "tca_tools"),  # pictures of state machines
+    ("tca_missions/charts/machine.py", "tca_tools"),  # pictures of state machines
     ("tca_coordination/learning.py", "tca_tools"),  # journals of earlier runs
-    ("tca_coordination/model/drawing.py", "tca_tools"),
+    ("tca_coordination/model/machine.py", "tca_tools"),
     ("tca_activities/models/command.py", "tca_tools"),  # pictures of models
     ("tca_activities/page/app.py", "tca_tools"),  # a page beside the viewer's
     ("tca_activities/page/command.py", "tca_tools"),

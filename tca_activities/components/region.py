@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from tca_activities.components.states import RegionState, RegionTransition, StateList, Step
+from tca_activities.components.states import HasStates, RegionState, RegionTransition, StateList
 
 
 class RegionChange(NamedTuple):
@@ -27,7 +27,7 @@ class RegionChange(NamedTuple):
         return f"{self.component}.{self.region}: {self.source or 'start'} to {self.target}{by}"
 
 
-class Region(StateList):
+class Region(StateList, HasStates):
     """One of the orthogonal regions of a component."""
 
     def __init__(self, component: str, name: str, period: float, estimate: float | None) -> None:
@@ -41,20 +41,8 @@ class Region(StateList):
         self._path: tuple[RegionState, ...] = ()
         self._told: list[Callable[[RegionChange], object]] = []
 
-    def state(
-        self,
-        name: str,
-        *,
-        entry: Step | None = None,
-        exit: Step | None = None,  # noqa: A002 - the word of statecharts
-        activity: Step | None = None,
-        period: float | None = None,
-        estimate: float | None = None,
-    ) -> RegionState:
-        """A state; the first one is entered first. Its *activity* is ticked while it is active, once a *period*, and
-        takes *estimate* seconds at most. *entry* and *exit* are called when it is entered and left.
-        """
-        return self.new_state(name, None).with_steps(entry, exit, activity, period, estimate)
+    def _new(self, name: str) -> RegionState:
+        return self.new_state(name, None)
 
     @property
     def current(self) -> str:

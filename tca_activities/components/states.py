@@ -1,14 +1,41 @@
 """The states of a region, and the transitions between them, as they are written."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
-from typing import Self
 
 from tca_module import MisuseError
 
 Step = Callable[[], object]
 
 
-class RegionState:
+class HasStates(ABC):
+    """A region, or a state that holds others."""
+
+    @abstractmethod
+    def _new(self, name: str) -> "RegionState": ...
+
+    def state(
+        self,
+        name: str,
+        *,
+        entry: Step | None = None,
+        exit: Step | None = None,  # noqa: A002 - the word of statecharts
+        activity: Step | None = None,
+        period: float | None = None,
+        estimate: float | None = None,
+    ) -> "RegionState":
+        """A state inside it; the first one is entered first. Its *activity* is ticked while it is active, once a
+        *period*, and takes *estimate* seconds at most. *entry* and *exit* are called when it is entered and left.
+        """
+        state = self._new(name)
+        if activity is not None and not (period or 0) > 0:
+            raise MisuseError(f"the activity of {state!r} needs a period: give period=..., in seconds")
+        state.entry, state.exit, state.activity = entry, exit, activity
+        state.period, state.estimate = period or 0.0, estimate
+        return state
+
+
+class RegionState(HasStates):
     """A state of a region: a leaf, or one that holds others, the first of which is entered with it."""
 
     def __init__(self, region: "StateList", name: str, parent: "RegionState | None") -> None:
@@ -28,33 +55,8 @@ class RegionState:
     def __repr__(self) -> str:
         return f"'{self._region.title}.{self.name}'"
 
-    def state(
-        self,
-        name: str,
-        *,
-        entry: Step | None = None,
-        exit: Step | None = None,  # noqa: A002 - the word of statecharts
-        activity: Step | None = None,
-        period: float | None = None,
-        estimate: float | None = None,
-    ) -> "RegionState":
-        """A state inside this one, with what ``Region.state`` takes."""
-        return self._region.new_state(name, self).with_steps(entry, exit, activity, period, estimate)
-
-    def with_steps(
-        self,
-        entry: Step | None,
-        exit_: Step | None,
-        activity: Step | None,
-        period: float | None,
-        estimate: float | None,
-    ) -> Self:
-        """The state itself, with what is done in it. Raises MisuseError for an activity without a period."""
-        if activity is not None and not (period or 0) > 0:
-            raise MisuseError(f"the activity of {self!r} needs a period: give period=..., in seconds")
-        self.entry, self.exit, self.activity = entry, exit_, activity
-        self.period, self.estimate = period or 0.0, estimate
-        return self
+    def _new(self, name: str) -> "RegionState":
+        return self._region.new_state(name, self)
 
     def to(
         self,

@@ -6,7 +6,6 @@ from typing import Any, Self, TypeVar
 
 from tca_coordination.model.activities import Activity, Agent, checked_facts
 from tca_coordination.model.automaton import FlatAutomaton
-from tca_coordination.model.drawing import draw
 from tca_coordination.model.errors import UnsoundCoordination
 from tca_coordination.model.mistakes import Mistakes
 from tca_coordination.model.situation import Fact, Situation
@@ -14,6 +13,9 @@ from tca_coordination.model.soundness import check
 from tca_coordination.model.statechart import Interpreter
 from tca_coordination.model.states import DONE, FAILED, AuthoredState, CompoundState
 from tca_module import MisuseError, Variable
+from tca_tools.drawing.coordination_dot import coordination_dot
+from tca_tools.drawing.picture_file import write_machine
+from tca_tools.errors import raised_as
 from tca_wire.coordination import (
     ActivityKind,
     CoordinationArrow,
@@ -144,9 +146,10 @@ class Coordination:
 
     def draw(self, path: str | Path, report: CoordinationReport | None = None) -> None:
         """Draw it into a file, .svg, .png, .pdf or .dot. With a *report* of a run the current state is green, and those
-        that it foresees are yellow, with their likelihoods.
+        that it foresees are yellow, with their likelihoods. Raises MisuseError if that can't be done.
         """
-        draw(self.chart, Path(path), report)
+        with raised_as(MisuseError):
+            write_machine(Path(path), coordination_dot(self.chart, report))
 
     def _build(self) -> None:
         states = [state for top in self._top for state in top.all()]

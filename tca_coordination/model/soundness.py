@@ -55,7 +55,6 @@ def _check_events(state: AuthoredState) -> None:
             msg = f"{state!r} has no activity, so it is never {event}"
             raise UnsoundCoordination(f"{msg}: name the event that it waits for, .to(..., on=...)")
         case ActivityKind.COMPOUND:
-            assert isinstance(state, CompoundState)
             can_end = any(child.kind is ActivityKind.FINAL for child in state.children)
             if DONE in events and not can_end:
                 raise UnsoundCoordination(f"compound {state!r} is never done: write a final state inside it")

@@ -28,6 +28,7 @@ class AuthoredState:
         self.parent = parent
         self.activity = activity
         self.arrows: list[AuthoredArrow] = []
+        self.children: list[AuthoredState] = []
         self.number = -1
         """Its place in the chart, when the machine is built."""
         if parent is not None:
@@ -67,11 +68,13 @@ class AuthoredState:
     def all(self) -> "Iterator[AuthoredState]":
         """Itself and all inside, in the order in which they were written."""
         yield self
+        for child in self.children:
+            yield from child.all()
 
     @property
     def leaf(self) -> "AuthoredState":
         """The state that is current when this one is entered."""
-        return self
+        return self.children[0].leaf if self.children else self
 
 
 class CompoundState(AuthoredState):
@@ -80,7 +83,6 @@ class CompoundState(AuthoredState):
     def __init__(self, label: str, parent: "CompoundState | None", written: "list[CompoundState]") -> None:
         """*written*: the compounds that are open, innermost last."""
         super().__init__(ActivityKind.COMPOUND, label, parent)
-        self.children: list[AuthoredState] = []
         self._written = written
 
     def __enter__(self) -> Self:
@@ -91,17 +93,6 @@ class CompoundState(AuthoredState):
 
     def __exit__(self, *_: object) -> None:
         self._written.pop()
-
-    def all(self) -> "Iterator[AuthoredState]":
-        """Itself and all inside, in the order in which they were written."""
-        yield self
-        for child in self.children:
-            yield from child.all()
-
-    @property
-    def leaf(self) -> AuthoredState:
-        """The state that is current when this one is entered."""
-        return self.children[0].leaf
 
 
 class AuthoredArrow:

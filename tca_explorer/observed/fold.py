@@ -14,6 +14,7 @@ from tca_explorer.observed.messages import Situation, TrackedMessage
 from tca_explorer.observed.states import States
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
+from tca_wire.journal.takers import takers
 from tca_wire.points import ALL_MOMENTS, ROOT, STARTS, Moment, Point, TaskId, start_of
 from tca_wire.rules import CONDITIONS
 from tca_wire.vocabulary import Condition, Role
@@ -89,17 +90,17 @@ class Fold(Situation):
             else:
                 self._change(task.id, after=(*task.after, (moment, before)))
 
-    def _key(self, fact: facts.Queued | facts.Delivered) -> int:
+    def _key(self, given: facts.Queued | facts.Delivered) -> int:
         """By which a message is known here; a retried task has another delivery each time."""
-        original = self.seen.get(fact.message_id)
+        original = self.seen.get(given.message_id)
         if original is not None and original.is_task:
-            if fact.id != fact.message_id:
-                self._tasks[fact.id] = fact.message_id
-            return fact.message_id
-        if original is not None and fact.id not in self.seen:
-            self.seen[fact.id] = replace(original, id=fact.id, is_over=False)
-            self._copies[fact.id] = fact.message_id
-        return fact.id
+            if given.id != given.message_id:
+                self._tasks[given.id] = given.message_id
+            return given.message_id
+        if original is not None and given.id not in self.seen:
+            self.seen[given.id] = replace(original, id=given.id, is_over=False)
+            self._copies[given.id] = given.message_id
+        return given.id
 
     def _granted(self, fact: facts.Granted) -> None:
         claim = self.claims[fact.id]
@@ -220,28 +221,13 @@ class Fold(Situation):
 
 # ruff: noqa: SLF001
 _FOLD: dict[type, Callable[[Fold, Any], None]] = {
-    facts.Received: Fold._received,
+    **takers(Fold),
     facts.Claimed: lambda fold, fact: fold.claims.update({fact.id: fact}),
-    facts.Granted: Fold._granted,
-    facts.ClaimEnded: Fold._claim_ended,
     facts.Constrained: lambda fold, fact: fold._constrain(fact.constraints),
     facts.Queued: lambda fold, fact: fold._change(fold._key(fact), is_queued=True, module=""),
     facts.Unqueued: lambda fold, fact: fold._change(fold._tasks.get(fact.id, fact.id), is_queued=False),
-    facts.Delivered: Fold._delivered,
-    facts.Returned: Fold._returned,
-    facts.Failed: Fold._failed,
-    facts.Unhandled: Fold._unhandled,
     facts.Reissued: lambda fold, fact: fold._recover(fold.seen[fact.handler]),
     facts.Resolved: lambda fold, fact: fold._change(fact.handler, has_resolved=True),
-    facts.Recovered: Fold._recovered,
-    facts.Retried: Fold._retried,
-    facts.SuspendedOrResumed: Fold._suspended,
     facts.Killed: lambda fold, fact: fold._killed(fact.task),
-    facts.Dropped: Fold._dropped,
     facts.TapAdded: lambda fold, fact: fold._conditions.update({fact.id: fact.condition}),
-    facts.TapFired: Fold._tap_fired,
-    facts.Reached: Fold._reached,
-    facts.ResourceChanged: Fold._resource_changed,
-    facts.ModuleJoined: Fold._joined,
-    facts.ModuleLeft: Fold._left,
 }

@@ -4,13 +4,15 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
-from tca_missions.charts.drawing import draw
 from tca_missions.charts.own_task import run_as_task
 from tca_missions.charts.soundness import endings_of
 from tca_missions.charts.states import ENDINGS, ContainerState, MachineState, UnsoundMachine
 from tca_missions.client.mission import BaseMission
 from tca_missions.outcomes import TaskEnd
 from tca_module import MisuseError
+from tca_tools.drawing.chart_dot import chart_dot
+from tca_tools.drawing.picture_file import write_machine
+from tca_tools.errors import raised_as
 from tca_wire.charts import ChartState, MachineChart, StateKind
 
 _LONGEST = 200
@@ -119,8 +121,11 @@ class StateMachine:
         return run_as_task(self.root, self.chart, mission)
 
     def draw(self, path: str | Path, *, active: Collection[int] = ()) -> None:
-        """Draw it into a file, .svg, .png, .pdf or .dot. States whose numbers are in *active* stand out."""
-        draw(self.chart, Path(path), active)
+        """Draw it into a file, .svg, .png, .pdf or .dot. States whose numbers are in *active* stand out. Raises
+        MisuseError if that can't be done.
+        """
+        with raised_as(MisuseError):
+            write_machine(Path(path), chart_dot(self.chart, active))
 
     @property
     def chart(self) -> MachineChart:

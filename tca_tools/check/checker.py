@@ -9,8 +9,8 @@ from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import CLOCK, Violation
 from tca_tools.check.world import JournalWorld
 from tca_tools.run.fold import History
-from tca_tools.run.takers import takers
 from tca_wire.journal import facts
+from tca_wire.journal.takers import takers
 
 Report = Callable[[Violation], None]
 

@@ -26,10 +26,10 @@ from tca_tools.run.records import (
     Task,
     added,
 )
-from tca_tools.run.takers import takers
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
+from tca_wire.journal.takers import takers
 from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, MOMENTS, Moment
 from tca_wire.text.facts_in_words import called
 from tca_wire.vocabulary import Dropping, Outcome, Role

@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Iterable
 
 from tca_tools.run.records import TaskState
-from tca_tools.run.takers import takers
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
+from tca_wire.journal.takers import takers
 from tca_wire.points import ROOT, Moment
 from tca_wire.text.facts_in_words import kill_reason
 

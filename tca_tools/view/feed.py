@@ -15,7 +15,6 @@ from tca_tools.run.coordinators import coordinator_of
 from tca_tools.run.fates import WATCHING, Failing, failing, watches
 from tca_tools.run.fold import History
 from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
-from tca_tools.run.takers import takers
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
 from tca_tools.view.pictures import is_picture
@@ -23,6 +22,7 @@ from tca_tools.view.traffic import TRAFFIC_TABLES, Traffic
 from tca_tools.view.verdicts import Verdicts
 from tca_wire.coordination import read_report
 from tca_wire.journal.facts import Entry, Failed, Killed, Received, StateChanged
+from tca_wire.journal.takers import takers
 from tca_wire.life_cycles import Effect
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place
 from tca_wire.vocabulary import Outcome
