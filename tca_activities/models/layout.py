@@ -1,37 +1,30 @@
 """Python as formatters lay it out, whatever their longest line is: short statements on one line, others opened up."""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from math import isfinite
 
 _LONGEST = 88
 
 
-def call(indent: int, head: str, arguments: Iterable[str], tail: str = ")") -> Iterator[str]:
+def call(indent: int, head: str, arguments: Iterable[str], tail: str = ")") -> list[str]:
     """A statement whose *head* ends with a bracket."""
-    arguments = list(arguments)
-    space = " " * indent
-    line = f"{space}{head}{', '.join(arguments)}{tail}"
-    if len(line) <= _LONGEST:
-        yield line
-        return
-    yield f"{space}{head}"
-    yield from (f"{space}    {argument}," for argument in arguments)
-    yield f"{space}{tail}"
+    arguments, space = list(arguments), " " * indent
+    return _laid_out(f"{space}{head}{', '.join(arguments)}{tail}", space, head, arguments, tail)
 
 
-def imported(module: str, names: Iterable[str]) -> Iterator[str]:
+def imported(module: str, names: Iterable[str]) -> list[str]:
     """An import of names."""
     names = sorted(set(names), key=lambda name: (not name.isupper(), name.lower()))
-    if not names:
-        return
     line = f"from {module} import {', '.join(names)}"
+    return _laid_out(line, "", f"from {module} import (", names, ")") if names else []
+
+
+def _laid_out(line: str, space: str, head: str, parts: list[str], tail: str) -> list[str]:
+    """The line; or where it is too long, *head*, a line for each part, and *tail*."""
     if len(line) <= _LONGEST:
-        yield line
-        return
-    yield f"from {module} import ("
-    yield from (f"    {name}," for name in names)
-    yield ")"
+        return [line]
+    return [f"{space}{head}", *(f"{space}    {part}," for part in parts), f"{space}{tail}"]
 
 
 def literal(value: object) -> str:

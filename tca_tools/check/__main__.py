@@ -46,8 +46,8 @@ def check(
         lines, is_same = handle_again(journal)
         click.echo("\n".join(lines))
         context.exit(not is_same)
-    wanted = [*_from_texts(texts), *(one for file in files for one in _properties_in(file))]
     try:
+        wanted = [*map(property_from, texts), *(one for file in files for one in _properties_in(file))]
         run = CheckedRun.of(journal, wanted, History() if files else None)
     except BadProperty as error:
         raise click.UsageError(str(error)) from error
@@ -76,13 +76,6 @@ def _sorted(paths: tuple[Path, ...]) -> tuple[Log, list[Path]]:
         if not file.is_file():
             raise click.UsageError(f"{file}: there is no such file of properties")
     return open_log(logs[0] if logs else None), files
-
-
-def _from_texts(texts: tuple[str, ...]) -> list[Property]:
-    try:
-        return [property_from(text) for text in texts]
-    except BadProperty as error:
-        raise click.UsageError(str(error)) from None
 
 
 def _properties_in(path: Path) -> list[Property]:

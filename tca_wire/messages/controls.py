@@ -7,7 +7,7 @@
     BATTERY = PollingMonitor("battery", condition=IS_LOW, action=GO_HOME)
 """
 
-from typing import Any, overload
+from typing import Any, TypedDict, Unpack, overload
 
 import msgspec
 
@@ -113,6 +113,14 @@ class PollingMonitor(ConditionMonitor[D]):
     message_class = MessageClass.POLLING_MONITOR
 
 
+class _Sent(TypedDict, total=False):
+    """The messages that a demon monitor sends."""
+
+    set_up: Action | None
+    action: Action | None
+    cancel: Action | None
+
+
 class DemonMonitor(Monitor[D]):
     """Has something set up, is fired by a module, and has it cancelled (TCA 8.5: RegisterDemonMonitor). Set-up and
     cancel message get the monitor's data, or none if they are declared without, the action what it is fired with.
@@ -122,20 +130,11 @@ class DemonMonitor(Monitor[D]):
     message_class = MessageClass.DEMON_MONITOR
 
     @overload
-    def __init__(
-        self: "DemonMonitor[None]", name: str, *, set_up: Action | None = ..., action: Action | None = ...,
-        cancel: Action | None = ...,
-    ) -> None: ...  # fmt: skip
+    def __init__(self: "DemonMonitor[None]", name: str, **sent: Unpack[_Sent]) -> None: ...
     @overload
-    def __init__(
-        self, name: str, data: type[D], *, set_up: Action | None = ..., action: Action | None = ...,
-        cancel: Action | None = ...,
-    ) -> None: ...  # fmt: skip
+    def __init__(self, name: str, data: type[D], **sent: Unpack[_Sent]) -> None: ...
     @overload
-    def __init__(
-        self, name: str, data: Any, *, set_up: Action | None = ..., action: Action | None = ...,
-        cancel: Action | None = ...,
-    ) -> None: ...  # fmt: skip
+    def __init__(self, name: str, data: Any, **sent: Unpack[_Sent]) -> None: ...
     def __init__(
         self,
         name: str,
