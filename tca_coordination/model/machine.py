@@ -11,7 +11,7 @@ from tca_coordination.model.mistakes import Mistakes
 from tca_coordination.model.situation import Fact, Situation
 from tca_coordination.model.soundness import check
 from tca_coordination.model.statechart import Interpreter
-from tca_coordination.model.states import DONE, FAILED, AuthoredState, CompoundState
+from tca_coordination.model.states import DONE, FAILED, AuthoredArrow, AuthoredState, CompoundState
 from tca_module import MisuseError, Variable
 from tca_tools.drawing.coordination_dot import coordination_dot
 from tca_tools.drawing.picture_file import write_machine
@@ -116,24 +116,24 @@ class Coordination:
         return list(dict.fromkeys(agent for task in tasks for agent in task.agents))
 
     @property
+    def _arrows(self) -> list[AuthoredArrow]:
+        return [arrow for state in self.states for arrow in state.arrows]
+
+    @property
     def events(self) -> set[str]:
         """The events that its arrows name, beside "done" and "failed"."""
-        return {arrow.event for state in self.states for arrow in state.arrows} - {DONE, FAILED}
+        return {arrow.event for arrow in self._arrows} - {DONE, FAILED}
 
     @property
     def variables(self) -> list[Variable[Any]]:
         """The variables that it looks at."""
-        of_arrows = [one for state in self.states for arrow in state.arrows for one in arrow.variables]
+        of_arrows = [one for arrow in self._arrows for one in arrow.variables]
         return list({variable.name: variable for variable in (*self._watch, *of_arrows)}.values())
 
     @property
     def chart(self) -> CoordinationChart:
         """Its structure as data."""
-        arrows = [
-            CoordinationArrow(state.number, arrow.target.number, arrow.symbol)
-            for state in self.states
-            for arrow in state.arrows
-        ]
+        arrows = [CoordinationArrow(one.source.number, one.target.number, one.symbol) for one in self._arrows]
         return CoordinationChart(self.name, [agent.name for agent in self.agents], list(map(_row, self.states)), arrows)
 
     def automaton(self, situation: Situation, mistakes: Mistakes | None = None) -> FlatAutomaton:

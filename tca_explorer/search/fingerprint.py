@@ -100,13 +100,10 @@ class Detail(msgspec.Struct, frozen=True):
     """Which slot has what, and which message is older: who is who can be followed from state to state."""
 
 
-def fingerprint(play: Play, memories: Iterable[int], detail: Detail = Detail()) -> bytes:  # noqa: B008
-    """A digest that differs from those of other states. *memories* are what properties remember."""
-    return recognised(play, memories, detail)[0]
-
-
 def recognised(play: Play, memories: Iterable[int], detail: Detail) -> tuple[bytes, tuple[int, ...]]:
-    """The fingerprint, and the messages under way in an order that is that of all equal states."""
+    """The fingerprint, a digest that differs from those of other states; and the messages under way in an order that is
+    that of all equal states. *memories* are what properties remember.
+    """
     walk = _Walk(play.rivals, play.now)
     central = play.central
     for name, siblings in _by_name(central.tree.top_of_module):  # so that the order between modules does not show

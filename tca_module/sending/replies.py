@@ -21,6 +21,10 @@ def not_answered(message: Message[Any, Any], timeout: float | None, why: str) ->
     return Timeout(f"{message.title} was not answered within {timeout:g} s{where}", can_wait=True)
 
 
+def _failed(message: Message[Any, Any], answer: Answer, body: bytes) -> QueryFailed:
+    return QueryFailed(message.title, answer.failure or str(answer.outcome), answer.text, body)
+
+
 class PendingReply(Generic[R]):
     """A query that was sent. In an async handler ``await`` gives its reply."""
 
@@ -65,7 +69,7 @@ class PendingReply(Generic[R]):
 
     def _reply(self, answer: Answer, body: bytes) -> R:
         if answer.outcome is not Outcome.DONE:
-            raise QueryFailed(self._message.title, answer.failure or str(answer.outcome), answer.text, body)
+            raise _failed(self._message, answer, body)
         return self._message.decode_reply(body)
 
     def cancel(self) -> None:
@@ -99,7 +103,7 @@ class PendingReplies(Iterator[R], Generic[R]):
                 return self._message.decode_reply(body)
             if answer.outcome is not Outcome.DONE:
                 self.cancel()
-                raise QueryFailed(self._message.title, answer.failure or str(answer.outcome), answer.text, body)
+                raise _failed(self._message, answer, body)
         self.cancel()
         raise StopIteration
 

@@ -1,7 +1,7 @@
 """States that are taken for the same are the same: whatever can happen next leads to the same states again."""
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from random import Random
 
@@ -25,7 +25,7 @@ from tca_central.watching.watches import Watch
 from tca_explorer import Scenario, Script, Task
 from tca_explorer.observed.world import Name, World
 from tca_explorer.play.play import Action, ActionKind, Play
-from tca_explorer.search.fingerprint import IGNORED, SPECIAL, Detail, fingerprint, recognised
+from tca_explorer.search.fingerprint import IGNORED, SPECIAL, Detail, recognised
 from tca_explorer.search.snapshot import Snapshots
 from tca_module import Condition, QueryFailed, Refused, Timeout, this
 from tca_wire.messages.declarations import Variable
@@ -229,6 +229,10 @@ def two(one: Callable[[Script], object], *, capacity: int = 1) -> tuple[Scenario
     scenario.module("other").does(lambda me: [me.inform(NOTE)])
     step, note = Play(scenario).actions()
     return scenario, step, note
+
+
+def fingerprint(play: Play, memories: Iterable[int], detail: Detail = DETAILS["short"]) -> bytes:
+    return recognised(play, memories, detail)[0]
 
 
 def test_symmetric_orders_are_one_state() -> None:

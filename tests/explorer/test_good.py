@@ -9,7 +9,7 @@ import tca_explorer as tca
 from tca_explorer import achieved, at_most, before, begun, eventually, handled, killed, never, never_stuck, sent, within
 from tca_explorer.observed.fold import Fold
 from tca_explorer.play.play import Action, ActionKind, Play
-from tca_explorer.search.fingerprint import Detail, fingerprint
+from tca_explorer.search.fingerprint import Detail, recognised
 from tca_module import Outcome, PollingMonitor, Query, this
 
 IS_LOW: Query[None, bool] = Query("is low", reply=bool)
@@ -212,13 +212,13 @@ def goes_round(result: tca.Result) -> tuple[Action, ...]:
     play = Play(result.scenario)
     for action in result.violation.actions:
         play.perform(action)
-    start, left_out = fingerprint(play, (), WATCHED), needed(play)
+    start, left_out = recognised(play, (), WATCHED)[0], needed(play)
     for _ in range(2):
         for action in circle:
             assert action in play.actions()
             play.perform(action)
             left_out = (left_out & needed(play)) - {(action.kind, action.name)}
-        assert fingerprint(play, (), WATCHED) == start
+        assert recognised(play, (), WATCHED)[0] == start
     assert not left_out, f"{left_out} can happen all the time, and never does"
     return circle
 
