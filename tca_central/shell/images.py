@@ -28,14 +28,14 @@ log = logging.getLogger("tca.central")
 class Images:
     """Has an image made when the log of inputs has grown."""
 
-    def __init__(self, inputs: InputLog, facts: LogWriter, known: int = 0) -> None:
-        """*known*: the number of events that the newest image has."""
+    def __init__(self, inputs: InputLog, facts: LogWriter, known: int = 0, kept: int = 0) -> None:
+        """*known*: the number of events that the newest image has; *kept*: the number of its segment of inputs."""
         self._inputs, self._facts = inputs, facts
         self._known = known
         self._child = 0  #: the process that writes one
         self._number = 0
         self._path = Path()
-        self._kept = 0  #: the number of the newest image that is there
+        self._kept = kept  #: the number of the newest image that is there
 
     def tend(self, central: Central) -> None:
         """End of a turn."""

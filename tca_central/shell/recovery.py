@@ -47,6 +47,7 @@ class UnfinishedRun:
     inputs: int = 0  #: number of those handled again
     may_lack: bool = False  #: some of its last inputs are not there
     known: int = 0  #: number of the events before them
+    kept: int = 0  #: the number of the first segment with them, at which the image is
     aside: int = 0  #: entries that its journal had beyond the inputs
 
     def restarted(self, *, hold: bool) -> Restarted:
@@ -120,5 +121,5 @@ def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False)
                     what, head.sync, facts.aside)  # fmt: skip
     return UnfinishedRun(
         replay.central, head, segments[0].number, facts.opened, facts.last, missing, replay.inputs, accept or may_lack,
-        replay.began, facts.aside,
+        replay.began, replay.first, facts.aside,
     )  # fmt: skip

@@ -100,6 +100,7 @@ class InputReplay:
             raise self._hopeless(what)
         self.central, self._segments = self._begin(segments, from_first=from_first)
         self.began = self.central.events  #: number of the events before these inputs
+        self.first = self._segments[0].number
 
     def entries(self) -> Iterator[Entry]:
         """What the inputs lead to. Raises CentralError."""

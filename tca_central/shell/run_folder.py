@@ -77,7 +77,7 @@ class RunFolder:
             journal.add(entry)
         if inputs is not None:
             inputs.first = run.first
-        server.log = RunLog(self.path, journal, inputs, known=run.known)
+        server.log = RunLog(self.path, journal, inputs, known=run.known, kept=run.kept)
         self._go_on(server, run, inputs, hold=hold)
 
     @staticmethod

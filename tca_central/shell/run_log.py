@@ -18,10 +18,12 @@ LEAST_SHARE = 20
 class RunLog:
     """Files in one folder."""
 
-    def __init__(self, folder: Path, journal: JournalWriter, inputs: InputLog | None, known: int = 0) -> None:
-        """Without *inputs* a run can't go on after a crash. *known*: the number of events that an image has."""
+    def __init__(
+        self, folder: Path, journal: JournalWriter, inputs: InputLog | None, known: int = 0, kept: int = 0
+    ) -> None:
+        """Without *inputs* a run can't go on after a crash. *known*, *kept*: events and number of the newest image."""
         self.folder = folder
-        self.images = Images(inputs, journal, known) if inputs is not None else None
+        self.images = Images(inputs, journal, known, kept) if inputs is not None else None
         self._journal, self._inputs = journal, inputs
 
     def take(self, event: Input) -> None:
