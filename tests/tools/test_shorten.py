@@ -1,5 +1,6 @@
 """``tca log prune`` of a run that continues: ended tasks go, and the rest reads as before."""
 
+import os
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -10,13 +11,19 @@ from click.testing import Result
 from properties.life import Life
 from tools.test_logs import segment
 
+from fuzz.hostile_central import LINES, beginning
+from fuzz.hostile_inputs import Daemon
+from tca_central.events import Arrived, ConnectionId, ConnectionLost
 from tca_central.shell.input_log import InputLog
-from tca_central.shell.log_writer import Sync
+from tca_central.shell.log_writer import Sync, numbers
 from tca_tools.log.shorten import EndedTasks
 from tca_tools.run.fold import History
 from tca_tools.run.journals import Log
+from tca_wire.journal import facts
+from tca_wire.journal.facts import Entry, Fact, Shortened
 from tca_wire.journal.records import JournalReader
-from tca_wire.points import END_ACHIEVING
+from tca_wire.points import END_ACHIEVING, TaskId
+from tca_wire.waits import WaitKind
 
 Tca = Callable[..., Result]
 
@@ -83,9 +90,67 @@ def test_segments_stay_that_a_recovery_compares(tmp_path: Path) -> None:
     inputs = InputLog(tmp_path / "journal", epoch="life", version="0", sync=Sync.NONE, clock=begun)
     inputs.close()
     before = [path.read_bytes() for path in files]
-    ended = EndedTasks([inputs.folder / "00000001.tcai", *files])
+    gone = inputs.folder / "00000009.tcai"  # central removed it after the folder was listed
+    ended = EndedTasks([gone, inputs.folder / "00000001.tcai", *files])
     ended.remove(ended.until(None, 0.0))
     assert [path.read_bytes() == data for path, data in zip(files, before, strict=True)] == [False] * 3 + [True] * 3
+
+
+def short_life(folder: Path) -> Daemon:
+    """Go on there, with tasks that end, until an image is taken; then be killed."""
+    daemon = Daemon(folder)
+    assert daemon.log is not None
+    assert daemon.log.images is not None
+    clock = daemon.central.clock
+    for line, packet in beginning():
+        daemon.take(Arrived(clock.now + 1.0, ConnectionId(line), packet))
+    for line in LINES:
+        daemon.take(ConnectionLost(clock.now + 1.0, ConnectionId(line), "it ended"))
+    daemon.log.images.take(daemon.central)
+    daemon.log.images.close()
+    daemon.kill()
+    return daemon
+
+
+@pytest.mark.parametrize("is_torn", [False, True])
+def test_a_run_is_shortened_though_each_life_is_short(tca: Tca, tmp_path: Path, is_torn: bool) -> None:
+    """Each life takes one image. Those stay that a recovery may use: the newest, and the one before it that was used."""
+    for _ in range(5):
+        short_life(tmp_path)
+    before, newest = numbers(tmp_path, ".tcas")
+    assert min(numbers(tmp_path, ".tcai")) == before
+    told = tca("log", "prune", tmp_path, "--keep-bytes", "1")
+    assert "of what had ended by" in told.stdout, told.output
+    if is_torn:
+        os.truncate(tmp_path / f"{newest:08d}.tcas", 100)
+    daemon = short_life(tmp_path)
+    assert daemon.run is not None
+    assert not daemon.run.missing
+    assert numbers(tmp_path, ".tcas")[0] == (before if is_torn else newest)
+    assert tca("check", "--rerun", tmp_path).exit_code == 0
+
+
+def test_a_journal_says_what_went_last_when_it_goes_twice(tca: Tca, tmp_path: Path) -> None:
+    folder = tmp_path / "journal"
+    files = journal_of(folder, 5)
+    last = History.until(Log(folder)).time
+    for part in (0.4, 0.8, 0.2):
+        EndedTasks(files).remove(last * part)
+    with files[0].open("rb") as stream:
+        said = [fact.until for entry in JournalReader(stream) for fact in entry.facts if isinstance(fact, Shortened)]
+    assert said == [last * 0.8]
+    assert tca("check", folder).exit_code == 0
+
+
+def test_waits_for_no_certain_task_go_when_they_are_over(tmp_path: Path) -> None:
+    """Whoever observes all tasks waits again after each change."""
+    wait = ("page", 0, TaskId(0), 0, WaitKind.CHANGE, "any task")
+    waits: list[Fact] = [facts.WaitBegan(*wait), facts.WaitEnded(*wait)] * 3
+    entries = [Entry(number, float(number), [fact]) for number, fact in enumerate([*waits, waits[0]])]
+    files = [segment(tmp_path / f"{number:08d}.tcaj", entries, "life", number) for number in (1, 2)]
+    EndedTasks(files).remove(3.5)
+    with files[0].open("rb") as stream:
+        assert [entry.time for entry in JournalReader(stream)] == [0.0, 4.0, 5.0, 6.0]
 
 
 def test_a_damaged_segment_is_left_as_it_is(tmp_path: Path) -> None:
@@ -101,9 +166,11 @@ def test_a_damaged_segment_is_left_as_it_is(tmp_path: Path) -> None:
 def test_prune_shortens_the_run_that_continues(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "journal"
     files = journal_of(folder, 4)
+    files[0].chmod(0o640)
     size = sum(path.stat().st_size for path in files)
     tried = tca("log", "prune", folder, "--keep-bytes", str(size // 2), "--dry-run")
     assert (tried.exit_code, sum(path.stat().st_size for path in files)) == (0, size)
     told = tca("log", "prune", folder, "--keep-bytes", str(size // 2))
     assert told.stdout == tried.stdout.replace("would be removed", "removed")
     assert sum(path.stat().st_size for path in files) <= size // 2
+    assert files[0].stat().st_mode & 0o777 == 0o640
