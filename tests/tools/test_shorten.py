@@ -143,7 +143,7 @@ def test_a_journal_says_what_went_last_when_it_goes_twice(tca: Tca, tmp_path: Pa
 
 
 def test_waits_for_no_certain_task_go_when_they_are_over(tmp_path: Path) -> None:
-    """Whoever observes all tasks waits again after each change."""
+    """A program that observes all tasks waits again after each change."""
     wait = ("page", 0, TaskId(0), 0, WaitKind.CHANGE, "any task")
     waits: list[Fact] = [facts.WaitBegan(*wait), facts.WaitEnded(*wait)] * 3
     entries = [Entry(number, float(number), [fact]) for number, fact in enumerate([*waits, waits[0]])]
