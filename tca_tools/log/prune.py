@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tca_tools.errors import ToolError, UnusableLog
-from tca_tools.log.shorten import stats_of
 from tca_tools.run.journals import is_closed, runs_in
 from tca_tools.run.segments import Folder, listed, segments_in
 from tca_wire.endpoint import by_number, run_number
@@ -69,7 +68,7 @@ def _runs_in(journal: Path) -> Iterator[StoredRun]:
     runs = list(runs_in(journal))
     files = Folder(journal).files()  # listed last: a run that begins meanwhile has some
     for name, opened, log in runs:
-        stats = list(stats_of(files[opened.epoch]))
+        stats = [path.stat() for path in files[opened.epoch] if path.exists()]
         ended = max(one.st_mtime for one in stats)
         kept = "a central writes it" if log.is_being_written else ""
         yield StoredRun(name, journal, files[opened.epoch], sum(one.st_size for one in stats), ended, kept)

@@ -8,12 +8,13 @@ those that a recovery compares with the inputs: they are newer than the oldest i
 import os
 from array import array
 from bisect import bisect_left, bisect_right
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from math import inf
 from pathlib import Path
-from stat import S_IMODE
-from tempfile import mkstemp
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import msgspec
 
@@ -46,7 +47,8 @@ class Lives:
         self.ended = array("d")  #: infinite for one that has not ended
         self.parent = array("q")
         self.time = 0.0  #: of the last entry
-        self._waits: dict[tuple[str, int, int, str, str], array[float]] = {}  #: the ends of those for no certain task
+        #: By key the ends of the waits for no certain task; behind them that of one that has not ended.
+        self.waits = defaultdict[Any, Any](lambda: array("d", [inf]))
         self._is_task = bytearray()
         self._kept: set[int] = set()  #: tasks whose records modules keep
 
@@ -60,7 +62,7 @@ class Lives:
                 case facts.Reached() if fact.moments & END_ACHIEVING:
                     self._end(fact.task)
                 case facts.WaitEnded() if not fact.task:
-                    self._waits.setdefault(fact.key, array("d")).append(self.time)
+                    self.waits[fact.key].insert(-1, self.time)
                 case facts.Kept():
                     self._kept.add(fact.task)
                 case facts.Released() if not fact.module:
@@ -102,12 +104,6 @@ class Lives:
         self._begin(number, 0)
         self.ended[number] = self.time
 
-    def end_of_wait(self, fact: facts.WaitBegan | facts.WaitEnded, time: float) -> float:
-        """When a wait for no certain task was over that began, or ended, at that time; infinite if it is not."""
-        ends = self._waits.get(fact.key, array("d"))
-        place = bisect_right(ends, time)
-        return time if isinstance(fact, facts.WaitEnded) else ends[place] if place < len(ends) else inf
-
     def last(self) -> array:  # type: ignore[type-arg]  # array[float] is no class at run time
         """By number, when the last of a task and of all that belongs to it ended; infinite while one has not."""
         last = self.ended[:]
@@ -127,16 +123,16 @@ class EndedTasks:
     def __init__(self, files: list[Path]) -> None:
         """*files*: all of the run, its segments last. Raises ToolError for one that can't be read."""
         paths = [path for path in files if path.suffix == SEGMENT_SUFFIX]
-        self._lives = lives = Lives()
+        lives = Lives()
         safe = min((clock for path in files if (clock := _clock_of(path)) is not None), default=inf)
         self._segments: dict[Path, float] = {}  #: those that may be written anew -> the time of their last entries
         with _reported():
-            self._size = sum(one.st_size for one in stats_of(files))
+            self._size = sum(path.stat().st_size for path in files if path.exists())
             for path in paths:
                 is_whole = _read(path, lives)
                 if is_whole and path is not paths[-1] and lives.time < safe:
                     self._segments[path] = lives.time
-        self._last = lives.last()
+        self._last, self._waits = lives.last(), lives.waits
         self._now = lives.time
 
     def until(self, keep: float | None, keep_bytes: float | None) -> float:
@@ -163,26 +159,27 @@ class EndedTasks:
 
     def remove(self, until: float, *, dry_run: bool = False) -> int:
         """Write the segments without what ended *until* then; the number of bytes gone. Raises ToolError."""
-        gone = 0
-        unsaid: dict[Path, bytes] | None = None  # the first segment, which says so before another one lacks anything
+        gone, drafts = 0, dict[Path, bytes]()
         with _reported():
-            for path in self._segments:
-                data = b"".join(map(record, self._shorter(path, until, is_first=unsaid is None)))
-                unsaid = {path: data} if unsaid is None else unsaid
-                if (less := path.stat().st_size - len(data)) > 0:
-                    gone += less
-                    for one, shorter in () if dry_run else (unsaid | {path: data}).items():
-                        _replace(one, shorter)
-                    unsaid = {}
+            for number, path in enumerate(self._segments):
+                entries = self._shorter(path, until, is_first=not number)
+                data, before = b"".join(map(record, entries)), path.stat().st_size
+                if not number or len(data) < before:
+                    drafts[path] = data  # the first one says so, before another one lacks anything
+                if len(data) < before:
+                    gone += before - len(data)
+                    for draft in () if dry_run else drafts.items():
+                        _replace(*draft)
+                    drafts.clear()
         return gone
 
     def _shorter(self, path: Path, until: float, *, is_first: bool) -> Iterator[Entry]:
         for place, (entry, _) in enumerate(_entries(path)):
             left = [fact for fact in entry.facts if self._end_of(fact, entry.time) > until]
             if is_first and not place:
-                before = [fact.until for fact in left if isinstance(fact, Shortened)]
+                said = [fact.until for fact in left if isinstance(fact, Shortened)]
                 left = [fact for fact in left if not isinstance(fact, Shortened)]
-                left.insert(1, Shortened(max([until, *before])))
+                left.insert(1, Shortened(max([until, *said])))
             if left:
                 yield Entry(entry.number, entry.time, left, entry.cause)
 
@@ -196,7 +193,10 @@ class EndedTasks:
         if isinstance(fact, facts.TapFired):
             return min(self._end(fact.tapped), self._end(fact.listener))
         if isinstance(fact, facts.WaitBegan | facts.WaitEnded):
-            end = self._end(fact.task) if fact.task else self._lives.end_of_wait(fact, time)
+            end = self._end(fact.task)
+            if not fact.task:
+                at = bisect_left if isinstance(fact, facts.WaitEnded) else bisect_right
+                end = (ends := self._waits[fact.key])[at(ends, time)]
             return min(end, self._end(fact.origin))
         if isinstance(fact, facts.Removed):
             return inf
@@ -235,13 +235,6 @@ def _read(path: Path, lives: Lives) -> bool:
     return False
 
 
-def stats_of(files: list[Path]) -> Iterator[os.stat_result]:
-    """Of those that are still there: central removes inputs and images of its own. Raises OSError."""
-    for path in files:
-        with suppress(FileNotFoundError):
-            yield path.stat()
-
-
 def _clock_of(path: Path) -> float | None:
     """The time of central's clock at which a segment of inputs begins; None for any other file."""
     if path.suffix != INPUT_SUFFIX:
@@ -249,21 +242,21 @@ def _clock_of(path: Path) -> float | None:
     with suppress(OSError, msgspec.MsgspecError, LookupError, TypeError, ValueError), path.open("rb") as stream:
         for _, head in payloads(stream):
             return float(msgspec.msgpack.decode(head)[_CLOCK])
-    return 0.0 if path.exists() else None  # it says nothing: nothing is known to be older
+    # One that says nothing: nothing is known to be older. Central may just have removed it.
+    return 0.0 if path.exists() else None
 
 
 def _replace(path: Path, data: bytes) -> None:
-    """Write a segment anew, all or nothing; it stays its owner's. Raises OSError."""
+    """Write a segment anew, all or nothing. It stays its owner's: root may prune for a central of another user. Raises
+    OSError, and leaves nothing on a full disk.
+    """
     there = path.stat()
-    file, draft = mkstemp(".shorter", dir=path.parent)
-    try:
-        with os.fdopen(file, "wb") as stream:
-            os.fchown(file, there.st_uid, there.st_gid)  # root may do this for a central of another user
-            os.fchmod(file, S_IMODE(there.st_mode))
+    with TemporaryDirectory(dir=path.parent) as place:
+        draft = Path(place) / path.name
+        with draft.open("wb") as stream:
             stream.write(data)
             stream.flush()
-            os.fsync(file)
-        Path(draft).rename(path)
-    except OSError:
-        Path(draft).unlink()  # a full disk has no room for it
-        raise
+            os.fsync(stream.fileno())
+        os.chown(draft, there.st_uid, there.st_gid)
+        draft.chmod(there.st_mode)
+        draft.rename(path)

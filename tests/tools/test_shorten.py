@@ -32,14 +32,19 @@ def journal_of(folder: Path, seed: int, events: int = 600, parts: int = 6) -> li
     """A random life in segments, the last of which is still written to."""
     life = Life()
     life.go_on(seed, events)
-    entries = [entry for entry in life.player.entries if entry.facts]
-    step = len(entries) // parts
-    cuts = [*(step * part for part in range(parts)), len(entries)]
+    told = [entry for entry in life.player.entries if entry.facts]
+    step = len(told) // parts
+    cuts = [*(step * part for part in range(parts)), len(told)]
     folder.mkdir()
     return [
-        segment(folder / f"{number:08d}.tcaj", entries[start:end], "life", number)
+        segment(folder / f"{number:08d}.tcaj", told[start:end], "life", number)
         for number, (start, end) in enumerate(pairwise(cuts), 1)
     ]
+
+
+def entries(path: Path) -> list[Entry]:
+    with path.open("rb") as stream:
+        return list(JournalReader(stream))
 
 
 def known(history: History, until: float) -> dict[int, Any]:
@@ -85,12 +90,11 @@ def test_tasks_go_by_age_on_the_clock_of_the_run(tmp_path: Path) -> None:
 def test_segments_stay_that_a_recovery_compares(tmp_path: Path) -> None:
     """The inputs begin in the fourth segment: what is from then on is compared with what they lead to."""
     files = journal_of(tmp_path / "journal", 2)
-    with files[3].open("rb") as stream:
-        begun = next(iter(JournalReader(stream))).time
+    begun = entries(files[3])[0].time
     inputs = InputLog(tmp_path / "journal", epoch="life", version="0", sync=Sync.NONE, clock=begun)
     inputs.close()
     before = [path.read_bytes() for path in files]
-    gone = inputs.folder / "00000009.tcai"  # central removed it after the folder was listed
+    gone = inputs.folder / "00000009.tcai"  # central has just removed it
     ended = EndedTasks([gone, inputs.folder / "00000001.tcai", *files])
     ended.remove(ended.until(None, 0.0))
     assert [path.read_bytes() == data for path, data in zip(files, before, strict=True)] == [False] * 3 + [True] * 3
@@ -130,15 +134,13 @@ def test_a_run_is_shortened_though_each_life_is_short(tca: Tca, tmp_path: Path, 
     assert tca("check", "--rerun", tmp_path).exit_code == 0
 
 
-def test_a_journal_says_what_went_last_when_it_goes_twice(tca: Tca, tmp_path: Path) -> None:
+def test_the_last_moment_is_said_when_more_goes(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "journal"
     files = journal_of(folder, 5)
     last = History.until(Log(folder)).time
     for part in (0.4, 0.8, 0.2):
         EndedTasks(files).remove(last * part)
-    with files[0].open("rb") as stream:
-        said = [fact.until for entry in JournalReader(stream) for fact in entry.facts if isinstance(fact, Shortened)]
-    assert said == [last * 0.8]
+    assert entries(files[0])[0].facts[1:] == [Shortened(last * 0.8)]
     assert tca("check", folder).exit_code == 0
 
 
@@ -146,11 +148,10 @@ def test_waits_for_no_certain_task_go_when_they_are_over(tmp_path: Path) -> None
     """A program that observes all tasks waits again after each change."""
     wait = ("page", 0, TaskId(0), 0, WaitKind.CHANGE, "any task")
     waits: list[Fact] = [facts.WaitBegan(*wait), facts.WaitEnded(*wait)] * 3
-    entries = [Entry(number, float(number), [fact]) for number, fact in enumerate([*waits, waits[0]])]
-    files = [segment(tmp_path / f"{number:08d}.tcaj", entries, "life", number) for number in (1, 2)]
+    said = [Entry(time, float(time), [one]) for time, one in enumerate([*waits, waits[0]])]
+    files = [segment(tmp_path / f"{one}.tcaj", said, "life", one) for one in (1, 2)]
     EndedTasks(files).remove(3.5)
-    with files[0].open("rb") as stream:
-        assert [entry.time for entry in JournalReader(stream)] == [0.0, 4.0, 5.0, 6.0]
+    assert [entry.time for entry in entries(files[0])] == [0.0, 4.0, 5.0, 6.0]
 
 
 def test_a_damaged_segment_is_left_as_it_is(tmp_path: Path) -> None:
