@@ -138,9 +138,9 @@ def test_the_last_moment_is_said_when_more_goes(tca: Tca, tmp_path: Path) -> Non
     folder = tmp_path / "journal"
     files = journal_of(folder, 5)
     last = History.until(Log(folder)).time
-    for part in (0.4, 0.8, 0.2):
-        EndedTasks(files).remove(last * part)
-    assert entries(files[0])[0].facts[1:] == [Shortened(last * 0.8)]
+    for segments, part in ((4, 0.4), (4, 0.66), (6, 0.6)):
+        assert EndedTasks(files[:segments]).remove(last * part)
+    assert entries(files[0])[0].facts[1:] == [Shortened(last * 0.66)]
     assert tca("check", folder).exit_code == 0
 
 
@@ -148,10 +148,10 @@ def test_waits_for_no_certain_task_go_when_they_are_over(tmp_path: Path) -> None
     """A program that observes all tasks waits again after each change."""
     wait = ("page", 0, TaskId(0), 0, WaitKind.CHANGE, "any task")
     waits: list[Fact] = [facts.WaitBegan(*wait), facts.WaitEnded(*wait)] * 3
-    said = [Entry(time, float(time), [one]) for time, one in enumerate([*waits, waits[0]])]
-    files = [segment(tmp_path / f"{one}.tcaj", said, "life", one) for one in (1, 2)]
-    EndedTasks(files).remove(3.5)
-    assert [entry.time for entry in entries(files[0])] == [0.0, 4.0, 5.0, 6.0]
+    said = [Entry(place, float((place + 1) // 2), [one]) for place, one in enumerate([*waits, waits[0]])]
+    path, newest = tmp_path / "1.tcaj", tmp_path / "2.tcaj"
+    EndedTasks([segment(path, said, "life"), segment(newest, said[-1:], "life", 2)]).remove(2.5)
+    assert [entry.number for entry in entries(path)] == [0, 4, 5, 6]
 
 
 def test_a_damaged_segment_is_left_as_it_is(tmp_path: Path) -> None:
