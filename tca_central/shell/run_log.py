@@ -23,7 +23,7 @@ class RunLog:
     ) -> None:
         """Without *inputs* a run can't go on after a crash. *known*, *kept*: events and number of the newest image."""
         self.folder = folder
-        self.images = Images(inputs, journal, known, kept) if inputs else None
+        self.images = Images(inputs, journal, known, kept) if inputs is not None else None
         self._journal, self._inputs = journal, inputs
 
     def take(self, event: Input) -> None:

@@ -31,7 +31,7 @@ def test_whatever_crashes_or_breaks_nothing_is_lost_or_done_twice_and_all_comes_
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("part", range(20))
+@pytest.mark.parametrize("part", range(10))
 def test_many_lives(part: int, request: pytest.FixtureRequest) -> None:
     is_new = bool(request.config.getoption("--new-lives"))
     first = random.SystemRandom().randrange(1 << 40) if is_new else 1000 + part * 5000
