@@ -1,13 +1,14 @@
-"""One recovery after the other: try again, higher each time; then another plan; then give up, and the user is told.
+"""One recovery after the other: try again, higher each time; then another foothold; then a way round the rocks.
 
-Each exception handler says how often it may be called for one task; when that is used up, the next one above is.
+`maximum=` says how often an exception handler is called for one task. After that, the next one above is called.
 """
 
-from tca_module import Command, ExceptionHandler, Failure, Goal, Module, Task, TaskFailed
+from tca_module import Command, ExceptionHandler, Failure, Goal, Module, Task
 
-STEP, MOVE_LEG = Goal("take a step", int), Command("move leg", float)
+STEP, MOVE_LEG, TURN = Goal("take a step", int), Command("move leg", float), Command("turn")
 COLLISION = Failure("terrain collision", float)  # at which height
 RAISE_LEG, REPLAN = ExceptionHandler("raise the leg", float), ExceptionHandler("replan")
+GO_ROUND = ExceptionHandler("go round")
 
 planner, legs, expert = Module("planner"), Module("legs"), Module("expert")
 
@@ -24,6 +25,11 @@ def move_leg(_: Task, height: float) -> None:
     raise COLLISION(height)
 
 
+@legs.handles(TURN)
+def turn(_: Task) -> None:
+    print("  turned away from the rocks")
+
+
 @expert.handles(RAISE_LEG)
 def raise_leg(task: Task, height: float) -> None:
     task.trouble.failing.retry(MOVE_LEG, height + 0.1)
@@ -36,11 +42,15 @@ def replan(task: Task) -> None:
     above.retry(STEP, above.data(STEP) + 1)
 
 
+@expert.handles(GO_ROUND)
+def go_round(task: Task) -> None:
+    task.command(TURN)
+    task.trouble.resolved()  # the turn takes the place of the move; this counts when the turn has ended
+
+
 if __name__ == "__main__":
     with planner.running(), legs.running(), expert.running():
+        planner.on_failure(COLLISION, GO_ROUND, of=STEP)  # asked after REPLAN, which is newer
         planner.on_failure(COLLISION, RAISE_LEG, of=MOVE_LEG, maximum=2)
         planner.on_failure(COLLISION, REPLAN, of=STEP, maximum=1)
-        try:
-            planner.goal(STEP, 1).result(timeout=10)
-        except TaskFailed as failed:
-            print("given up:", failed.failure)
+        print("the step is", planner.goal(STEP, 1).wait(timeout=10))

@@ -55,6 +55,7 @@ QUOTES = {
     'with TaskServer("cart", Cart(), tasks=[Drive, WaitForRain]': "41_mission",
     "walking.suspend()": "13_suspend_and_resume",
     "planner.on_failure(COLLISION, RAISE_LEG": "11_retry_ladder",
+    "@expert.handles(GO_ROUND)": "11_retry_ladder",
     "task.command(STOW, thing, keep=True)": "18_what_was_done_already",
     "@display.handles(POSE, pending=1)": "15_what_waits",
     'with task.lock("controller"': "34_locks",
