@@ -52,6 +52,8 @@ class Causes:
         self._released = {
             claim.end: claim for claim in run.claims.values() if claim.end is not None and claim.granted is not None
         }
+        handlings = (one for message in run.messages.values() for one in message.handlings)
+        self._returned = {(one.message_id, one.end): one for one in handlings}  # a task may have thousands
         self._outside = {name: self._as_ended(one.waits, is_outside=True) for name, one in run.modules.items()}
         self._over: dict[int, list[_Over]] = {}
         """The waits of handlers that were walked through, by their ends."""
@@ -134,8 +136,8 @@ class Causes:
         """The handler that returned then, or asked for what happened; one that was cut off while it waited did nothing.
         Of several that were lost with their module it is that of the message.
         """
-        own = (run for run in reversed(message.handlings) if run.end == at.time) if message else ()
-        ended = next(iter(own), None) or self._run.asker_at(at.time)
+        own = self._returned.get((message.id, at.time)) if message else None
+        ended = own or self._run.asker_at(at.time)
         waited = at.wait.by if at.wait else None
         return ended if isinstance(ended, Handling) and ended is not waited and ended.start < at.time else None
 

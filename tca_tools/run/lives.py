@@ -4,7 +4,7 @@ The journal tells of a transition only where no other fact does: a handler gets 
 begins anew, a task ends.
 """
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from functools import cache
 from math import inf
@@ -18,7 +18,7 @@ from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, read_life_cycle
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome, Party
 
-_TIME, _TIME_AND_ORDER = attrgetter("time"), itemgetter(0, 1)
+_TIME, _START, _TIME_AND_ORDER = attrgetter("time"), attrgetter("start"), itemgetter(0, 1)
 
 
 def cycle_of(run: Run, task: Task) -> LifeCycle:
@@ -126,7 +126,8 @@ def _implied(cycle: LifeCycle, task: Task, state: str, what: int, time: float) -
         goes_on = state != cycle.initial and task.was("killed", time) is None
         return LifeChange(time, _RESTARTED, cycle.initial, 0, Party.CENTRAL) if goes_on else None
     if what == _BEGINS:
-        runs = [one.module for one in task.handlings if one.start == time]
+        place = bisect_left(task.handlings, time, key=_START)  # a task may be handled thousands of times
+        runs = [one.module for one in task.handlings[place : place + 1] if one.start == time]
         if state != cycle.initial or not (runs or task.was("killed", time) is None):
             return None
         return LifeChange(time, cycle.accepted.name, cycle.accepted.target, 0, Party.SERVER, runs[0] if runs else "")

@@ -10,6 +10,13 @@ from typing import Any
 import pytest
 
 from benchmarks.long_runs import SHAPES, TOOLS, make
+from tca_tools.analysis.backwards import Causes
+from tca_tools.run.fold import folded
+from tca_tools.run.journals import open_log
+from tca_tools.run.lives import life_at
+from tca_tools.run.records import Task
+from tca_tools.run.whole_run import Run
+from tca_wire.points import Moment
 
 SIZES = 1, 30, 60, 120
 TRACED = [
@@ -55,3 +62,21 @@ def test_work_grows_as_the_journal(journals: dict[str, list[Path]], shape: str, 
     few, twice, most = (lines_of(partial(TOOLS[tool], path)) for path in paths)
     linear = max(twice - few, few // 4)
     assert most - twice <= 2.6 * linear  # it is 2 if all is linear, 4 if all is quadratic
+
+
+def causes_of(run: Run, task: Task) -> None:
+    assert list(Causes(run).back_from(task.time_of(Moment.END_ACHIEVING), task.id))
+
+
+@pytest.mark.parametrize("answer", [life_at, causes_of])
+def test_work_for_one_task_grows_as_its_retries(
+    journals: dict[str, list[Path]], answer: Callable[[Run, Task], object]
+) -> None:
+    counts = []
+    for path in journals["retries"][1:]:
+        run = folded(open_log(path))
+        retried = max(run.tasks.values(), key=lambda task: len(task.retries))
+        answer(run, retried)  # what is kept
+        counts.append(lines_of(partial(answer, run, retried)))
+    few, twice, most = counts
+    assert most - twice <= 2.6 * (twice - few)
