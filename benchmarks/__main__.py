@@ -3,6 +3,16 @@
 import subprocess
 import sys
 
-for name in ("core_lives", "core_events", "core_control", "waits", "handlers", "periods", "journals", "preview"):
+for name in (
+    "core_lives",
+    "core_events",
+    "core_control",
+    "waits",
+    "handlers",
+    "periods",
+    "journals",
+    "long_runs",
+    "preview",
+):
     print(f"== {name}", flush=True)
     subprocess.run([sys.executable, "-m", f"benchmarks.{name}"], check=True)

@@ -1,10 +1,10 @@
-"""What each tool costs of a long run: microseconds for each entry of four journals, at n and at 4n, and the ratio.
+"""The cost of each tool for long runs: seconds and megabytes for four journals, at n/10 and at n.
 
     python -m benchmarks.long_runs [--shapes retries,children,levels,waits] [--tools tree,report] [--share 0.1]
 
 The journals are made on the pure core: 10,000 retries of one command, 10,000 children of one task, 10,000 levels deep,
-100,000 waits of one resource (or a share of those). Each tool reads each in a process of its own. If its cost is
-linear, the ratio is about 1. Figures leave out what the tool takes for an empty run.
+100,000 waits of one resource (or a share of those). Each tool reads each in a process of its own. The ratio
+is of the seconds for each entry: about 1 if the cost is linear. Figures leave out the cost of an empty run.
 """
 
 import argparse
@@ -12,6 +12,7 @@ import asyncio
 import contextlib
 import io
 import math
+import resource
 import subprocess
 import sys
 import tempfile
@@ -144,6 +145,7 @@ TOOLS: dict[str, Callable[[Path], object]] = {
     "log": _command("log show"),
     "tree": _command("tree"),
     "tree --all": _command("tree --all"),
+    "tree --story": _command("tree --story 1"),
     "tree svg": _command("tree", "tree.svg"),
     "gantt": _command("gantt"),
     "gantt svg": _command("gantt", "gantt.svg"),
@@ -158,11 +160,11 @@ TOOLS: dict[str, Callable[[Path], object]] = {
 }
 
 
-def measure(tool: str, path: Path) -> float:
-    """Processor seconds."""
+def measure(tool: str, path: Path) -> tuple[float, float]:
+    """Processor seconds, and megabytes of this process at its peak."""
     begin = time.process_time()
     TOOLS[tool](path)
-    return time.process_time() - begin
+    return time.process_time() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def main() -> None:
@@ -174,28 +176,32 @@ def main() -> None:
     parser.add_argument("--measure", nargs=2, metavar=("TOOL", "LOG"), help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.measure:
-        print(measure(arguments.measure[0], Path(arguments.measure[1])))
+        print(*measure(arguments.measure[0], Path(arguments.measure[1])))
         return
-    print(f"{'journal':>9} {'n':>8} {'tool':>16} {'s at n':>8} {'at 4n':>8} {'us/entry':>9} {'at 4n':>9} {'ratio':>6}")
+    columns = f"{'s at n/10':>10} {'at n':>7} {'ratio':>6} {'MB at n/10':>11} {'at n':>7}"
+    print(f"{'journal':>9} {'n':>8} {'tool':>16} {columns}")
     with tempfile.TemporaryDirectory() as folder:
         for shape in arguments.shapes.split(","):
             most = int(SHAPES[shape] * arguments.share)
-            paths = [Path(folder) / f"{shape}{count}.tcaj" for count in (1, most // 4, most)]
-            entries = [make(shape, count, path) for count, path in zip((1, most // 4, most), paths, strict=True)]
+            paths = [Path(folder) / f"{shape}{count}.tcaj" for count in (1, most // 10, most)]
+            entries = [make(shape, count, path) for count, path in zip((1, most // 10, most), paths, strict=True)]
             for tool in arguments.tools.split(","):
-                base, *took = (_took(tool, path, arguments.patience) for path in paths)
-                few, many = ((one - base) / count for one, count in zip(took, entries[1:], strict=True))
-                figures = f"{took[0]:>8.2f} {took[1]:>8.2f} {few * 1e6:>9.1f} {many * 1e6:>9.1f} {many / few:>6.2f}"
-                print(f"{shape:>9} {most:>8,} {tool:>16} {figures}", flush=True)
+                base, few, many = (_took(tool, path, arguments.patience) for path in paths)
+                (few_s, few_mb), (many_s, many_mb) = (
+                    [a - b for a, b in zip(one, base, strict=True)] for one in (few, many)
+                )
+                figures = f"{few_s:>10.2f} {many_s:>7.2f} {many_s / few_s * entries[1] / entries[2]:>6.2f}"
+                print(f"{shape:>9} {most:>8,} {tool:>16} {figures} {few_mb:>11.1f} {many_mb:>7.1f}", flush=True)
 
 
-def _took(tool: str, path: Path, patience: float) -> float:
+def _took(tool: str, path: Path, patience: float) -> tuple[float, float]:
     command = [sys.executable, "-m", "benchmarks.long_runs", "--measure", tool, str(path)]
     try:
         told = subprocess.run(command, check=True, capture_output=True, text=True, timeout=patience).stdout
     except subprocess.TimeoutExpired:
-        return math.inf
-    return float(told.split()[-1])
+        return math.inf, math.inf
+    seconds, megabytes = told.split()[-2:]
+    return float(seconds), float(megabytes)
 
 
 if __name__ == "__main__":
