@@ -11,7 +11,7 @@ from tca_explorer.play.inbox import SlotInbox
 from tca_explorer.scenario.scenario import ScenarioModule
 from tca_explorer.scenario.script import Program
 from tca_explorer.scenario.script_connection import CANCELLED, SUSPENDED
-from tca_explorer.scenario.steps import OWN, Await, Branch, Given, Got, ReadWish, Step, known, place_of
+from tca_explorer.scenario.steps import OWN, Await, Branch, Given, Got, Owe, ReadWish, Step, known, place_of
 from tca_module.session.request import waits_for_others
 from tca_wire.packets.headers import Lock
 from tca_wire.points import TaskId
@@ -49,6 +49,7 @@ class Actor:
         self.knows = False  #: that its task was killed: it has read that, or was woken
         self.knows_end = False  #: that its module ends, in the same way
         self.wishes: deque[Got] = deque()  #: of clients, that it has not read
+        self.uses: deque[str] = deque()  #: of the reply that it leaves to others, in their words
         self.suspended: tuple[bool, ...] = (False,)  #: the news of that since it last got something
 
     @property
@@ -89,11 +90,22 @@ class Actor:
             self.get(self.wishes.popleft())
 
     def wake_from_look(self) -> None:
-        """It waits no longer for what clients want: its task was killed, or its module ends; once for each."""
+        """It waits no longer for what clients want: its task was killed, or its module ends; once for each. Where it
+        owes its reply, that has failed when its module ends.
+        """
         by_kill, by_end = self.is_told and not self.knows, self.is_ending and not self.knows_end
         if isinstance(self.step, ReadWish) and (by_kill or by_end):
             self.learn()
             self.get(Got(self.step.kind, is_woken=True, module_ends=not by_kill))
+        elif isinstance(self.step, Owe) and self.is_ending:
+            self.get(Got(self.step.kind, module_ends=True))
+
+    def use(self, *words: str) -> None:
+        """Others say these *words* of the reply that it leaves to them."""
+        self.uses.extend(words)
+        if isinstance(self.step, Owe) and self.uses:
+            self.get(Got(self.step.kind, words=self.uses.popleft()))
+        self.wake_from_look()
 
     def learn(self) -> None:
         """It knows all by now."""

@@ -15,7 +15,20 @@ from tca_explorer.play.identifiers import MessageId, RequestNumber, numbers_show
 from tca_explorer.play.inbox import SlotInbox
 from tca_explorer.scenario.requests import call_of
 from tca_explorer.scenario.scenario import Scenario
-from tca_explorer.scenario.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Know, ReadWish, Return
+from tca_explorer.scenario.steps import (
+    Ask,
+    Await,
+    Fail,
+    Given,
+    GiveUp,
+    Got,
+    Hang,
+    Know,
+    Owe,
+    ReadWish,
+    Return,
+    UseKept,
+)
 from tca_module.errors import NIL
 from tca_wire.journal.facts import Fact, Ignored, RequestRefused
 from tca_wire.journal.facts import Received as Birth
@@ -147,9 +160,9 @@ class Exchange:
             if len(branches) != 1 or branches[0].decisions:
                 return
             step = branches[0].step
-            if isinstance(step, Await):
+            if isinstance(step, Await | Owe):
                 actor.step = step
-                self._await(line, actor, step)
+                self.take(line, actor)
             elif isinstance(step, Know):
                 actor.learn()
                 actor.get(Got(step.kind))
@@ -255,6 +268,13 @@ class Exchange:
         elif not line.run.is_joined:
             raise ScenarioError(f"an error here ends the module: {step.failure}: {step.text}")
 
+    def _use_kept(self, line: ModuleLine, actor: Actor, step: UseKept) -> None:
+        """The handlers' own scripts do that, some time later."""
+        for one in (one for each in line.run.lines for one in each.stack):
+            if one.program is line.run.module.handlers.get(step.message):
+                one.use(step.words)
+        actor.get(Got(step.kind))
+
     def _hang(self, _line: ModuleLine, _actor: Actor, _step: Hang) -> None:
         """It never gets anything for that step."""
 
@@ -349,6 +369,8 @@ _TAKE: dict[type, Callable[[Exchange, ModuleLine, Actor, Any], None]] = {
     Return: Exchange._return,
     Fail: Exchange._fail,
     Hang: Exchange._hang,
+    Owe: lambda _exchange, _line, actor, _step: actor.use(),
+    UseKept: Exchange._use_kept,
 }
 _GET: dict[type, Callable[[Exchange, ModuleLine, Any, bytes], None]] = {
     headers.Deliver: Exchange._get_delivery,

@@ -9,7 +9,7 @@ from tca_explorer.play.identifiers import renamed
 from tca_explorer.play.play import Action, ActionKind, Play, Waiting
 from tca_explorer.scenario.requests import in_words, point_in_words
 from tca_explorer.scenario.script_connection import CHOOSE
-from tca_explorer.scenario.steps import Ask, Await, Fail, GiveUp, Hang, Know, ReadWish, Return, Step
+from tca_explorer.scenario.steps import Ask, Await, Fail, GiveUp, Hang, Know, Owe, ReadWish, Return, Step, UseKept
 from tca_wire.packets import headers
 from tca_wire.points import describe_moments
 
@@ -158,6 +158,8 @@ _DO: dict[type, Callable[[Play, Actor, Any], str]] = {
     Return: lambda _play, _actor, _step: "returns",
     Fail: lambda _play, _actor, step: "reissues its failure" if step.reissue else f"fails: {step.failure}",
     ReadWish: lambda _play, _actor, step: f"{'waits for' if step.waits else 'looks at'} what clients want",
+    Owe: lambda _play, _actor, _step: "owes its reply",
+    UseKept: lambda _, __, step: f"uses the kept replies to {step.message}",
     Hang: lambda _play, _actor, _step: "never goes on",
 }
 

@@ -7,6 +7,9 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from itertools import count
 from typing import Any, NoReturn, TypeVar, cast, overload
+from weakref import ref
+
+from msgspec.structs import replace
 
 from tca_explorer.errors import ExplorerError, ScenarioError
 from tca_explorer.scenario.script_connection import (
@@ -16,18 +19,19 @@ from tca_explorer.scenario.script_connection import (
     ScriptConnection,
     StepReached,
 )
-from tca_explorer.scenario.steps import HERE, OWN, Branch, Fail, Given, Got, History, Return, ScriptRun, Step
+from tca_explorer.scenario.steps import HERE, OWN, Branch, Fail, Given, Got, History, Return, ScriptRun, Step, UseKept
 from tca_explorer.scenario.worker_thread import leave_behind
 from tca_module.errors import LockLost, QueryFailed, Refused, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Reissued, failed
+from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.sender import Sender
 from tca_module.sending.task import Task as ModuleTask
 from tca_module.sending.task_requests import TaskRequest
 from tca_wire.errors import BadData
 from tca_wire.messages.declarations import FailureRaised, Message
 from tca_wire.messages.failures import BAD_DATA, HANDLER_ERROR
-from tca_wire.packets.headers import Deliver
+from tca_wire.packets import headers
 from tca_wire.points import ROOT
 from tca_wire.vocabulary import Refusal
 
@@ -57,6 +61,12 @@ class _Choices:
         """Never go on, and never return."""
         self._explored.hang()
 
+    def use_kept(self, message: Message[Any, Any], words: str = "") -> None:
+        """Use what this module's handlers of *message* keep with ``keep_reply``, or will, if they have begun.
+        *words* say how.
+        """
+        self._explored.do(UseKept(message.name, words))
+
 
 class Script(_Choices, Sender):
     """The program of a module: each call that reaches central is one step of the exploration."""
@@ -73,10 +83,16 @@ class Task(_Choices, ModuleTask):
     """The task of a handler: the module library's Task, and choices."""
 
     def __init__(self, link: ScriptConnection, given: Given, message: Message[Any, Any]) -> None:
-        delivery = Deliver(HERE, message.name, OWN if given.is_task else ROOT, given.context)
+        delivery = headers.Deliver(HERE, message.name, OWN if given.is_task else ROOT, given.context)
         ModuleTask.__init__(self, cast("Connection", link), delivery, message)
         self._accepts = given.accepts
         self._explored = link
+
+    def keep_reply(self, later: LaterReply[Any], then: Callable[..., object]) -> None:
+        """Have the module keep a LaterReply that the handler returns, until another script calls ``use_kept``. Then
+        ``then(later, words)`` is called, after which nothing keeps it, unless that calls this again.
+        """
+        self._explored.kept = later, then
 
     @overload
     def wait_for_request(self, timeout: None = None) -> TaskRequest: ...
@@ -149,7 +165,7 @@ class Program:
     def _run(self, link: ScriptConnection, given: Given) -> Step:
         """Run to the first step that is not past."""
         try:
-            step = self._called(link, given)
+            step = self._called(link, given) or _end(*link.owed())
         except (StepReached, DecisionReached):
             assert link.stopped is not None
         except (Exception, SystemExit) as error:
@@ -160,8 +176,8 @@ class Program:
             raise link.stopped
         return link.stopped.step if link.stopped is not None else step
 
-    def _called(self, link: ScriptConnection, given: Given) -> Step:
-        """Call the function; how it ended."""
+    def _called(self, link: ScriptConnection, given: Given) -> Step | None:
+        """Call the function; how it ended. None: it owes its reply."""
         message = self.message
         if message is None:
             script: Script | Task = Script(link)
@@ -175,19 +191,26 @@ class Program:
         try:
             result = self._function(script, *arguments[: self._arguments - 1])
             link.settle()
-            return Return(message.encode_reply(result) if message is not None else b"")
-        except FailureRaised as failure:
-            return Fail(failure.name, failure.text, failure.body, tuple(failure.kinds))
-        except Reissued:
-            return Fail("", reissue=True)
+            return self._end_of(script, result)
+        except (FailureRaised, Reissued) as error:
+            return _end(*failed(HERE, error))
         except _OF_THE_WORLD as error:
-            header, body = failed(HERE, error)
             was_killed = isinstance(error, TaskKilled | Stopped)
-            return Fail(header.failure, str(error), body, tuple(header.kinds), was_killed=was_killed)
+            return replace(_end(*failed(HERE, error)), text=str(error), was_killed=was_killed)
         except Refused as error:
             if error.refusal not in _BY_CHANCE:
                 raise
             return Fail(HANDLER_ERROR, str(error))
+
+    def _end_of(self, script: Task | Script, result: Any) -> Return | None:
+        if isinstance(script, Task) and script.later is not None:
+            if result is not script.later:
+                raise ScenarioError("it called reply_later(): return what that gave")
+            script.returned()
+            result.returned()
+            script._explored.left = ref(result)  # noqa: SLF001
+            return None
+        return Return(self.message.encode_reply(result) if self.message else b"")
 
     def _where(self, error: BaseException | None) -> str:
         """The place in the script at which an error was raised."""
@@ -197,6 +220,13 @@ class Program:
         code = inspect.unwrap(self._function).__code__
         lines = [frame.lineno for frame in frames if frame.filename == code.co_filename]
         return f"the script of {self.name} ({code.co_filename}, line {lines[-1] if lines else code.co_firstlineno})"
+
+
+def _end(header: headers.Reply | headers.Fail, body: bytes) -> Return | Fail:
+    """The end of a handler as a step."""
+    if isinstance(header, headers.Reply):
+        return Return(body)
+    return Fail(header.failure, header.text, body, (*header.kinds,), header.reissue)
 
 
 def _without_address(words: str) -> str:

@@ -12,7 +12,19 @@ from types import SimpleNamespace
 from typing import Any, NoReturn, cast
 
 from tca_explorer.errors import ScenarioError
-from tca_explorer.scenario.steps import HERE, Ask, Await, GiveUp, Got, Hang, History, Know, ReadWish, Step
+from tca_explorer.scenario.steps import (
+    HERE,
+    Ask,
+    Await,
+    GiveUp,
+    Got,
+    Hang,
+    History,
+    Know,
+    Owe,
+    ReadWish,
+    Step,
+)
 from tca_module.checks import check_message
 from tca_module.errors import FormatRefused, Refused, Stopped, TaskKilled
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN
@@ -42,6 +54,7 @@ _NOT_EXPLORED = {
     "listen": "to follow a task (state, changes(), progress(), update(); take() and cancel() are)",
     "is_taken": "held",
     "until_over": "await",
+    "wait_until": "sleep() and wait_until()",
     "callbacks": "query_notify()",
 }
 
@@ -83,21 +96,6 @@ class ScriptRequest:
         self._link.refuse("query_notify()")
 
 
-class ScriptTransport:
-    """The sockets of a script, which has none."""
-
-    def __init__(self, link: "ScriptConnection") -> None:
-        self._link = link
-
-    def time(self) -> float:
-        """Time does not pass for a script."""
-        return 0.0
-
-    def waker(self) -> NoReturn:
-        """Another thread will reply."""
-        self._link.refuse("reply_later()")
-
-
 class WishesOfClients:
     """What clients want of the task that a script handles: each is read with a step of its own."""
 
@@ -128,6 +126,7 @@ class ScriptDelivery:
     def __init__(self, link: "ScriptConnection") -> None:
         self.requested = WishesOfClients(link)
         self.on_request: list[Callable[[], None]] = []
+        self.is_killed = self.is_cancelled = link.is_cancelled
         self._state: Any = None
 
     def state_of(self, _: int, make: Callable[[OpenDelivery], Any]) -> Any:
@@ -140,10 +139,9 @@ class ScriptConnection:
     """One run of a script up to the end of what it has got."""
 
     def __init__(self, history: History, on_caught: Callable[[ScenarioError | None], NoReturn] | None = None) -> None:
-        attachments = SimpleNamespace(
-            of=lambda _: None
-        )  # central is never restarted here: nothing is kept for that, no number marked
-        self.transport = ScriptTransport(self)
+        # central is never restarted here: nothing is kept for that, no number marked
+        attachments = SimpleNamespace(of=lambda _: None)
+        self.transport = SimpleNamespace(time=self.now, waker=lambda: None)
         self.delivery = ScriptDelivery(self)
         self.session = SimpleNamespace(
             epoch="", module="explored", attachments=attachments, open_deliveries=self.delivery
@@ -151,6 +149,13 @@ class ScriptConnection:
         self.is_mine = True  #: a script has one thread
         self._all_declared: dict[str, Message[Any, Any]] = {}
         self.silence = ""  #: of central, which is never silent
+        self.is_inherited = False  #: no script forks
+        self.log = SimpleNamespace(error=lambda *_: None)  #: each run would say it
+        self.kept: Any = None  #: the LaterReply that is kept, and its use
+        self.left: Callable[[], object] = lambda: None  #: the one that was returned
+        self._news: deque[Callable[[], None]] = deque()
+        self.call_soon = self._news.append  #: a function, for ``hear_threads``
+        self._owed: Any = None  #: the reply that was left to others
         self.stopped: StepReached | DecisionReached | None = None  #: where the run ended, or shall end
         self.error: ScenarioError | None = None  #: the call that can't be played
         self._on_caught = on_caught  #: called if the script never lets it end
@@ -175,6 +180,7 @@ class ScriptConnection:
 
     def do(self, step: Step) -> Got:
         """Take a step: what it got, or the end of this run."""
+        self.hear_threads()
         if self._at < len(self._history):
             return self._past(step.kind)
         if self.stopped is None:
@@ -253,6 +259,38 @@ class ScriptConnection:
         got = self.delivery.requested.look(ReadWish(waits=True, seconds=seconds))
         if got.is_woken:
             self._be_woken(got, what)
+
+    # --- replies that are owed: see tca_module/sending/later_reply.py -------------------------------------------------
+
+    def check_process(self) -> None:
+        """No script forks."""
+
+    def hear_threads(self) -> None:
+        """Do what was asked for with ``call_soon``: before the next step; never, if this run has ended."""
+        while self._news:
+            self._news.popleft()()
+
+    def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
+        """The reply that is owed is given."""
+        self._owed = header, body
+
+    def owed(self) -> tuple[headers.Reply | headers.Fail, bytes]:
+        """The reply that is owed, once it is given.
+
+        A LaterReply that nothing keeps is dropped, and says so with ``call_soon``, at the same place of each run: the
+        frames of the script are gone, and CPython ends at once what nothing refers to. What lives on is kept elsewhere,
+        or by a circle of references, which CPython may look for at any time: both are refused.
+        """
+        self.hear_threads()
+        if self._owed is None and self.kept is None and self.left() is not None:
+            self.refuse("a LaterReply kept by other means than keep_reply()")
+        if self._owed is None:
+            self._use(*(self.kept or self.hang()))
+        return self._owed or self.owed()
+
+    def _use(self, later: Any, then: Callable[[Any, str], object]) -> None:
+        self.kept, got = None, self.do(Owe())
+        later.module_ends() if got.module_ends else then(later, got.words)
 
     def call(self, header: Any, what: object, body: bytes = b"", within: float = 0) -> int:
         """Have central do something."""

@@ -104,7 +104,18 @@ class Hang(_Step, frozen=True):
     """The script never goes on."""
 
 
-Step = Ask | Await | ReadWish | GiveUp | Know | Return | Fail | Hang
+class Owe(_Step, frozen=True):
+    """The handler has returned, and its module keeps the reply that it owes until another script speaks of that."""
+
+
+class UseKept(_Step, frozen=True):
+    """Use the replies to *message* that the module keeps, or will: of handlers that have begun."""
+
+    message: str
+    words: str
+
+
+Step = Ask | Await | ReadWish | GiveUp | Know | Return | Fail | Hang | Owe | UseKept
 
 
 class Got(msgspec.Struct, frozen=True):
@@ -125,7 +136,9 @@ class Got(msgspec.Struct, frozen=True):
     """The latter."""
     choice: int = 0
     words: str = ""
-    """Of a choice: what was chosen; of a look: the transition of a client (its number is *choice*)."""
+    """Of a choice: what was chosen; of a look: the transition of a client (its number is *choice*); of a kept reply:
+    what another script says of it.
+    """
 
     @property
     def is_over(self) -> bool:

@@ -367,7 +367,7 @@ def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
 def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
     walk.add([has_begun, actor.program.name, actor.life.number, actor.delivery, actor.number, actor.step is None,
               actor.is_told, actor.was_told, actor.knows, actor.is_ending, actor.knows_end, actor.suspended[-1],
-              len(set(actor.suspended)), *actor.known])  # fmt: skip
+              len(set(actor.suspended)), *actor.known, list(actor.uses)])  # fmt: skip
     for place, request in actor.requests.items():
         walk.add([place, request.number, request.is_over, list(request.unread)])
     walk.add_time(actor, actor.late_at)

@@ -58,7 +58,7 @@ def played(walk: Callable[..., object], *properties: Any, **others: Callable[...
 
 def test_a_task_is_the_librarys_own() -> None:
     assert issubclass(tca.Task, ModuleTask)
-    assert {name for name in vars(tca.Script.__mro__[1]) if not name.startswith("_")} == {"choose", "hang"}
+    assert {name for name in vars(tca.Script.__mro__[1]) if not name.startswith("_")} == {"choose", "hang", "use_kept"}
 
 
 def test_blocks_put_tasks_in_order() -> None:
@@ -203,8 +203,8 @@ def asks_who_is_there(task: tca.Task) -> None:
     task.modules()
 
 
-def replies_later(task: tca.Task) -> Any:
-    return task.reply_later()
+def sleeps(task: tca.Task) -> None:
+    task.sleep(1.0)
 
 
 def is_called_back(task: tca.Task) -> None:
@@ -240,7 +240,7 @@ def decides_for_ever(task: tca.Task) -> None:
     ("handler", "words"),
     [
         (asks_who_is_there, r"line \d+\): modules\(\), handlers\(\) and status\(\) is not explored: leave it out"),
-        (replies_later, r"reply_later\(\) is not explored"),
+        (sleeps, r"sleep\(\) and wait_until\(\) is not explored"),
         (is_called_back, r"query_notify\(\) is not explored"),
         (waits_for_many, r"multi_query\(timeout=...\) is not explored"),
         (awaits, "await is not explored"),
