@@ -142,7 +142,9 @@ def _find(
     names = ("", failure.name, *failure.kinds)
     nested = _nested(task)
     for at, attached in _candidates(central, task, below):
-        if attached.failure not in names or not attached.handler.handlers or (attached.id, failure.name) in passed:
+        if attached.failure not in names or not attached.handler.handlers:
+            continue
+        if (attached.id, failure.name) in passed or (attached.id, "") in passed:
             continue
         calls = at.rare.invocations.get(attached.id, 0) if at.rare else 0
         is_exhausted = attached.maximum and calls >= attached.maximum
@@ -339,6 +341,7 @@ def _check_attempts(task: Task, asking: Task) -> None:
     attempts = task.rare.attempts if task.rare is not None else 1
     if not asking.context.attached.maximum and attempts >= MOST_ATTEMPTS:
         text = f"{task} has been handled {attempts} times: attach its exception handler with maximum= for more"
+        asking.context.passed[asking.context.attached.id, ""] = None  # nor is it asked about its own failure with this
         raise RequestError(Refusal.OVERLOAD, text)
 
 
@@ -364,12 +367,15 @@ def _next_ends(task: Task, *moments: int) -> list[Place]:
 
 
 def _forget_failures(central: State, task: Task) -> None:
-    """The failures that came before a retry are forgotten, and those below the exception handlers for them resolved."""
+    """The failures that came before a retry are forgotten: those of the task, and those in what ends with the retry."""
+    has_begun = bool(task.reached & START_HANDLING)
     for child in (task.children or {}).values():
-        if child.role is Role.EXCEPTION:
+        is_handler = child.role is Role.EXCEPTION
+        if is_handler or (has_begun and not (child.survives or child.is_guest)):
             for one in central.tree.subtree(child):
                 if one.role is Role.EXCEPTION:
                     one.more.is_resolved = True
+        if is_handler:
             child.more.is_void = True
 
 

@@ -171,7 +171,9 @@ def recovered(world: JournalWorld, task: MessageRecord, fact: facts.Recovered) -
     if not task.ended_handlers and not task.is_stranger:
         world.broken(RECOVERED, task, "recovered, and no exception handler of it has ended")
     if handler := _pop_ended(task):
-        if fact.handler and not (handler.has_resolved or handler.is_stranger):  # journals before that do not name it
+        if fact.handler and not (
+            handler.has_resolved or handler.may_have_retried or handler.is_stranger
+        ):  # journals before that do not name it
             world.broken(RESOLVED, task, f"recovered, and {handler} neither resolved its failure nor retried it")
         if task.deciding == handler.id:
             task.deciding, task.returned = 0, True
@@ -260,17 +262,22 @@ def retried(world: JournalWorld, item: MessageRecord, fact: facts.Retried) -> No
     """A task is to be handled again."""
     if item.is_killed:
         world.broken(KILLED, item, "was retried, and it is killed")
-    item.failure, item.body, item.is_resolved, item.has_resolved = "", fact.body or item.body, False, False
-    below = [item]
-    for one in below:  # grows while it is walked
-        below += one.children.values()
-        one.has_resolved |= one is not item and one.role is Role.EXCEPTION
+    item.failure, item.body, item.is_resolved = "", fact.body or item.body, False
+    item.has_resolved = item.may_have_retried = False
+    has_begun = bool(item.reached & START_HANDLING)
+    for child in item.children.values():  # the failures that they were called for are forgotten
+        is_handler = child.role is Role.EXCEPTION
+        child.is_void = child.is_void or is_handler
+        is_forgotten = is_handler or (has_begun and not (child.role.survives or child.is_guest))
+        below = [child]
+        for one in below:  # grows while it is walked
+            below += one.children.values()
+            one.has_resolved |= is_forgotten and one.role is Role.EXCEPTION
+            one.may_have_retried = True  # any of them may have asked for it
     item.is_retried = True
     item.passed.clear()
     world.flagged.append(item)
-    for child in item.children.values():  # the failures that they were called for are forgotten
-        child.is_void = child.is_void or child.role is Role.EXCEPTION
-    if item.reached & START_HANDLING:
+    if has_begun:
         item.again, item.returned, item.deciding = True, False, 0
         world.later.append(lambda: _check_retried(world, item))
 

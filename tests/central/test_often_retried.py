@@ -16,12 +16,12 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Refusal
 
 
-def begun(maximum: int = 0) -> Player:
+def begun(maximum: int = 0, failure: str = "slip") -> Player:
     """A move that an exception handler retries each time it slips; a further one is at the root."""
     handlers = "expert: exception handler recover, exception handler stop"
     player = Player.of("legs: command move", handlers, "user", check=False)
     player.receive("user", headers.Attach(player.number("user"), Attachment("", "stop")))
-    player.task("user", "move", attachments=[Attachment("slip", "recover", maximum)])
+    player.task("user", "move", attachments=[Attachment(failure, "recover", maximum)])
     return player
 
 
@@ -39,6 +39,14 @@ def test_retries_end_at_a_default_and_the_search_continues() -> None:
     assert "stop" in [
         one.message for one in player.fail("expert/1", "handler error") if isinstance(one, headers.Deliver)
     ]
+
+
+def test_a_handler_of_all_is_not_asked_about_its_refused_retry() -> None:
+    player = begun(failure="")
+    while not isinstance(retry(player), headers.Refused):
+        player.reply("expert/1")
+    called = [one.message for one in player.fail("expert/1", "handler error") if isinstance(one, headers.Deliver)]
+    assert called == ["stop"]
 
 
 def test_retries_end_later_with_a_maximum_of_ones_own() -> None:

@@ -247,8 +247,9 @@ def retry_now(world: World, node: Node, connection: str) -> None:
     if asking is not None:
         asking.resolved = True
     for child in world.children(node):
-        if child.role is Role.EXCEPTION:
-            child.void = True
+        is_handler = child.role is Role.EXCEPTION
+        child.void |= is_handler
+        if is_handler or (SH in node.past and not (child.survives or child.is_guest)):
             for below in world.subtree(child):
                 below.resolved = True
     if SH not in node.past:
