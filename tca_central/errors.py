@@ -38,9 +38,11 @@ class DiskFull(CentralError):
     """Central can start, or continue, as soon as the disk has room."""
 
 
-def disk_error(error: OSError, text: str) -> CentralError:
-    """The error with that text for what the disk has refused."""
-    return (DiskFull if error.errno in (errno.ENOSPC, errno.EDQUOT) else CentralError)(text)
+def disk_error(error: OSError, text: str, advice: str = "name another folder with --journal") -> CentralError:
+    """The error with that text for what the disk has refused, and the *advice* if that is not for lack of room."""
+    is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    text = f"{text}: {error.strerror}"
+    return DiskFull(f"{text}: make room, then start central again") if is_full else CentralError(f"{text}: {advice}")
 
 
 class ImageError(CentralError):

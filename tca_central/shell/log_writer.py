@@ -59,8 +59,7 @@ def lock_folder(folder: Path) -> int:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         locked = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
     except OSError as error:
-        msg = f"journal {folder}: {error.strerror}: name a folder that can be written with --journal"
-        raise disk_error(error, msg) from None
+        raise disk_error(error, f"journal {folder}") from None
     try:
         lock(locked)
     except BlockingIOError:
@@ -167,8 +166,7 @@ class LogWriter:
             self.first = self.newest + 1  #: of those that are written now
             self.begin_segment()
         except OSError as error:
-            msg = f"journal {folder}: {error.strerror}: name a folder that can be written with --journal"
-            raise disk_error(error, msg) from None
+            raise disk_error(error, f"journal {folder}") from None
         if sync is Sync.BATCH:
             self._thread.start()
 
@@ -284,8 +282,7 @@ class LogWriter:
                     return
 
     def _broken(self, error: OSError) -> CentralError:
-        msg = f"journal {self.folder}: {error.strerror}: central stops, for what it can't record it must not do"
-        return disk_error(error, msg)
+        return disk_error(error, f"journal {self.folder}", "central stops, for what it can't record it must not do")
 
     def _fsync(self) -> None:
         with self._syncing:

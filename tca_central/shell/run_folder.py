@@ -42,8 +42,7 @@ class RunFolder:
             self.run = self._unfinished_run(is_fresh=is_fresh, accept=accept)
         except OSError as error:
             os.close(self._lock)
-            msg = f"journal {path}: {error.filename or ''}: {error.strerror}: name another folder with --journal"
-            raise disk_error(error, msg) from None
+            raise disk_error(error, f"journal {path}: {error.filename or ''}") from None
         except BaseException:
             os.close(self._lock)
             raise

@@ -178,7 +178,7 @@ def test_a_port_in_use_is_named(refused: Refused) -> None:
         (["--bind", "nonsense"], "'nonsense' is no address"),
         (["--bind", "tcp://127.0.0.1:99999"], "is no address"),
         (["--bind", "ipc:///proc/nothing/central.sock"], "can't listen on"),
-        (["--journal", "/proc/nothing"], "name a folder that can be written"),
+        (["--journal", "/proc/nothing"], "name another folder with --journal"),
         (["--sync", "sometimes"], "sometimes"),
         (
             ["--lost-after", "1"],

@@ -88,7 +88,7 @@ def test_a_sync_that_fails_stops_the_next_turn(tmp_path: Path, monkeypatch: pyte
     os.close(journal._file)
     journal._file = os.open("/dev/full", os.O_WRONLY)
     journal.add(Entry(1, 0.5, [Dropped(1, "any", "why")]))
-    with pytest.raises(CentralError, match="No space left on device: central stops"):
+    with pytest.raises(CentralError, match="No space left on device: make room"):
         journal.flush()
 
 
