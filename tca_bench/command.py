@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 import msgspec
 
-from tca_bench.cases import MESSAGE_PEERS, ROBOT_BUS, STAGES, TASK_PEERS, Entrant, chosen, small
+from tca_bench.cases import MESSAGE_PEERS, ROBOT_BUS, STAGES, TASK_PEERS, chosen, small
 from tca_bench.results import reported
 from tca_bench.running import run
 from tca_bench.table import lines
@@ -45,7 +45,7 @@ def bench(
     stages = chosen(
         small(STAGES) if quick else STAGES,
         lambda name: not only or name in only,
-        lambda one: peers or not _is_peer(one),
+        lambda one: peers or one.title not in _PEERS,
     )
     if listing:
         for stage in stages:
@@ -57,7 +57,3 @@ def bench(
         click.echo(line)
     if path:
         path.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
-
-
-def _is_peer(entry: Entrant) -> bool:
-    return entry.title in _PEERS

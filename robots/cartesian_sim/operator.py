@@ -61,7 +61,7 @@ class Operator:
     def enable(self, task: Task) -> None:
         """Enable all joints."""
         self._tell_joints("enable")
-        self._wait(task, lambda: all(joint.enabling.is_in("enabled") for joint in self.joints.values()), _never)
+        self._wait(task, lambda: all(joint.enabling.is_in("enabled") for joint in self.joints.values()), lambda: False)
 
     def disable(self, _task: Task) -> None:
         """Stop, and close all brakes."""
@@ -171,7 +171,3 @@ class Operator:
             raise
         if is_lost():
             raise INTERRUPTED(text="the robot was stopped, or a joint disabled")
-
-
-def _never() -> bool:
-    return False

@@ -57,13 +57,10 @@ def _schedule(run: Run, record: CoordinatorRecord) -> AgentSchedule | None:
     boxes = {one.id: _box(run, one, spans[one.id], start) for one in record.tasks.values() if one.id in spans}
     rows = []
     for agent in record.chart.agents:
-        whose = [boxes[one.id] for one in record.tasks.values() if one.id in boxes and _needs(one, agent)]
+        tasks = [one for one in record.tasks.values() if f"+{agent}+" in f"+{one.agent}+"]
+        whose = [boxes[one.id] for one in tasks if one.id in boxes]
         rows.append(_row(agent, whose, end - start))
     return AgentSchedule(end - start, rows, notes=[printable(str(why)) for why in record.late()])
-
-
-def _needs(one: SentByCoordinator, agent: str) -> bool:
-    return f"+{agent}+" in f"+{one.agent}+"
 
 
 def _box(run: Run, one: SentByCoordinator, span: tuple[float, float], zero: float) -> Bar:

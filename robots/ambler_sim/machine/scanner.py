@@ -3,7 +3,7 @@
 import numpy as np
 
 from robots.ambler_sim.geometry import Array
-from robots.ambler_sim.machine.plant import Attitude, Plant, rotation_matrix
+from robots.ambler_sim.machine.plant import Plant, rotation_matrix
 
 MOUNT = np.array([0.9, 0.0, 2.6])
 """In the body frame: in front of the bridge, above the equipment boxes."""
@@ -24,7 +24,8 @@ def scan(plant: Plant, seed: tuple[int, int], velocity: Array) -> Array:
     """
     attitude = plant.attitude()
     turn = rotation_matrix(attitude.roll, attitude.pitch, attitude.pose.heading)
-    origin = _position(attitude) + turn @ MOUNT
+    position = np.array([attitude.pose.x, attitude.pose.y, attitude.pose.height])
+    origin = position + turn @ MOUNT
     directions = ray_directions() @ turn.T
     distances = plant.cast(origin, directions, RANGE)
     distances = distances + np.random.default_rng(seed).normal(0.0, NOISE, len(distances))
@@ -41,7 +42,3 @@ def ray_directions() -> Array:
     )
     rays = np.stack([np.cos(down) * np.cos(aside), np.cos(down) * np.sin(aside), np.sin(down)], axis=-1)
     return rays.reshape(-1, 3)
-
-
-def _position(attitude: Attitude) -> Array:
-    return np.array([attitude.pose.x, attitude.pose.y, attitude.pose.height])
