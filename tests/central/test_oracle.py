@@ -13,7 +13,8 @@ from properties.oracle import Oracle
 
 from tca_central.events import Effect, Tick
 from tca_wire.constraints import Flags
-from tca_wire.journal.facts import Received
+from tca_wire.journal.facts import Failed, Received
+from tca_wire.messages.failures import LOCK_LOST
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, WatchOptions
 from tca_wire.points import TaskId
@@ -112,6 +113,22 @@ def test_a_tap_before_the_end_is_first_where_the_start_comes_too() -> None:
     task = player.task("user", "walk", flags=Flags.PLAN_FIRST)
     player.reply("planner1/1", task)
     assert [fact.message for fact in player.facts(Received) if fact.role is Role.LISTENER] == ["guard", "guard"]
+
+
+def test_a_lost_lock_is_told_of_after_the_wiretaps_of_the_return() -> None:
+    player = JudgedPlayer()
+    player.module("legs", "command move", "inform note", capacity=2)
+    player.module("arm", "command lift")
+    player.module("user")
+    player.declare("user", "command move")
+    player.receive("user", headers.Tap(player.number("user"), Condition.AFTER_HANDLED, "note", "move"))
+    task = player.task("user", "move")
+    player.receive("legs/1", headers.Lock(player.number("legs/1"), "arm", origin=task))
+    player.lose("arm/1")
+    player.lose("arm")
+    player.reply("legs/1")
+    assert player.facts(Failed)[-1].failure == LOCK_LOST
+    assert len(player.delivered("legs/2")) == 1
 
 
 @given(st.lists(operation, max_size=60))

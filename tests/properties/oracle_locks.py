@@ -109,6 +109,7 @@ def unlock(world: World, header: headers.Unlock) -> None:
 
 def warn(world: World, node: Node) -> None:
     """Central raises "lock lost" on a task that keeps what was taken away; not if it knows of a failure already."""
+    oracle_slots.give_messages(world)  # wiretaps were fired first, as the handler returned
     fact = world.seen.given[0][0] if world.seen.given else None
     if is_lock_lost(fact) and fact.id == node.id:
         del world.seen.given[0]
