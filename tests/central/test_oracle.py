@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from central.player import Player
+from central.player import Player, point
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from properties.life import MODULES, Life, operation
@@ -17,7 +17,7 @@ from tca_wire.journal.facts import Failed, Received
 from tca_wire.messages.failures import LOCK_LOST
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, WatchOptions
-from tca_wire.points import TaskId
+from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Condition, Role
 
 JUDGED = {
@@ -113,6 +113,39 @@ def test_a_tap_before_the_end_is_first_where_the_start_comes_too() -> None:
     task = player.task("user", "walk", flags=Flags.PLAN_FIRST)
     player.reply("planner1/1", task)
     assert [fact.message for fact in player.facts(Received) if fact.role is Role.LISTENER] == ["guard", "guard"]
+
+
+@pytest.mark.parametrize("is_ended", [False, True])
+def test_a_monitor_over_as_it_begins_holds_what_listens(is_ended: bool) -> None:
+    player = JudgedLife().player
+    for condition, listener in ((Condition.WHEN_ACHIEVED, "lift"), (Condition.WHILE_ACHIEVING, "guard")):
+        tap = headers.Tap(player.number("user"), condition, listener, "guard")
+        player.receive("user", tap, msgspec.msgpack.encode(7))
+    past = player.task("user", "move")
+    player.reply("legs2/1", past)
+    options = WatchOptions() if is_ended else WatchOptions(until=point(past, Moment.END_ACHIEVING))
+    guard = player.task("user", "guard", watch=options, suspended=True)
+    if is_ended:
+        player.receive("user", headers.EndMonitor(player.number("user"), TaskId(guard)))
+    player.receive("user", headers.Suspend(player.number("user"), TaskId(guard), resume=True))
+    children = player.central.tree.tasks[guard].children or {}
+    assert [child.message.name for child in children.values()] == ["lift", "guard"]
+
+
+def test_a_goal_is_planned_when_its_handlers_are_heard() -> None:
+    player = JudgedPlayer()
+    player.module("planner", "goal walk")
+    player.module("expert", "exception handler recover", "exception handler report")
+    player.module("user")
+    player.declare("user", "goal walk")
+    for handler in ("report", "recover"):
+        player.receive("user", headers.Attach(player.number("user"), Attachment("", handler), message="walk"))
+    task = player.task("user", "walk")
+    player.receive("user", headers.Raise(player.number("user"), TaskId(task), "slipped"))
+    player.reply("planner/1", task)
+    player.reply("expert/1")
+    assert player.delivered("expert/1") == [player.central.tree.newest]
+    assert not player.central.tree.tasks[task].reached & Moment.END_PLANNING
 
 
 def test_a_lost_lock_is_told_of_after_the_wiretaps_of_the_return() -> None:

@@ -88,6 +88,8 @@ def start_all(world: World) -> bool:
 
 
 def _start(world: World, node: Node) -> None:
+    if node.returned or _is_at_its_end(world, node):
+        oracle_rules.fire_before_end(world, node)
     oracle_rules.started(world, node)
     if node.returned:
         return

@@ -288,23 +288,33 @@ def started(world: World, node: Node) -> None:
         reach(world, node, start_moments(node) - node.past)
 
 
+def fire_before_end(world: World, node: Node) -> None:
+    """Send what comes before the end of a monitor that is over as it begins: before what comes with its start."""
+    held = held_points(world)
+    if not ({(node.id, EH), (node.id, EA)} & held or world.children(node)):
+        oracle_taps.fire_before(world, node, {EA})
+
+
 def _advance(world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
-    """Let a task reach the moments that it may."""
+    """Let a task reach all moments that it may at once: what comes before one of them is sent first, and what its end
+    leaves open is known before anything above it moves.
+    """
     if node.killed and not node.slot and STARTS - node.past:
         reach(world, node, STARTS - node.past)
         return True
+    before, is_tapped = node.past, False
     for moment, befores in ORDER[node.is_goal].items():
         if moment in node.past or not befores <= node.past or not _may_reach(node, moment, held, children):
             continue
-        if not oracle_taps.fire_before(world, node, {moment}):
-            node.past = node.past | {moment}
-            if moment == SA and ORDER[node.is_goal][EA] <= node.past and _may_reach(node, EA, held, children):
-                oracle_taps.fire_before(world, node, {EA})  # as central does where a start and the end come together
-            reach(world, node, {moment})
-        if len(node.past) == 6:
-            _end(world, node)
-        return True
-    return False
+        if is_tapped := oracle_taps.fire_before(world, node, {moment}):
+            break
+        node.past = node.past | {moment}
+    if node.past == before:
+        return is_tapped
+    reach(world, node, node.past - before)
+    if len(node.past) == 6:
+        _end(world, node)
+    return True
 
 
 def reach(world: World, node: Node, moments: set[Moment]) -> None:
