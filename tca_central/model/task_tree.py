@@ -153,9 +153,10 @@ class Task(Delivery):
     @property
     def may_be_handled_again(self) -> bool:
         """Whether all has ended that a retry waits for: handler, children but guests, exception handlers that asked."""
-        guests = self.rare.guests if self.rare is not None else 0
-        is_asked = self.rare is not None and bool(self.rare.retry_askers)
-        return not (self.is_running or is_asked) and len(self.children or ()) == guests
+        rare, children = self.rare, len(self.children or ())
+        if rare is None:
+            return not (self.is_running or children)
+        return not (self.is_running or rare.retry_askers or rare.unheard) and children == rare.guests
 
     @property
     def watches_alone(self) -> bool:

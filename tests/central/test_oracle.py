@@ -148,6 +148,26 @@ def test_a_goal_is_planned_when_its_handlers_are_heard() -> None:
     assert not player.central.tree.tasks[task].reached & Moment.END_PLANNING
 
 
+def test_a_retry_waits_until_exception_handlers_are_heard() -> None:
+    player = JudgedPlayer()
+    player.module("legs", "command move")
+    player.module("expert", "exception handler recover", "exception handler report")
+    player.module("user")
+    player.declare("user", "command move")
+    for handler in ("report", "recover"):
+        player.receive("user", headers.Attach(player.number("user"), Attachment("", handler), message="move"))
+    task = TaskId(player.task("user", "move"))
+    player.receive("user", headers.Retry(player.number("user"), task))
+    player.receive("user", headers.Raise(player.number("user"), task, "slipped"))
+    player.reply("legs/1")
+    player.reply("expert/1")
+    assert player.delivered("expert/1") == [player.central.tree.newest]
+    assert not player.delivered("legs/1")
+    player.resolve("expert/1")
+    player.reply("expert/1")
+    assert player.delivered("legs/1")
+
+
 def test_a_lost_lock_is_told_of_after_the_wiretaps_of_the_return() -> None:
     player = JudgedPlayer()
     player.module("legs", "command move", "inform note", capacity=2)
