@@ -403,7 +403,8 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
 
 def retry_task(central: State, task: Task, data: bytes | None, by: str, asking: Task | None = None) -> None:
     """Let a task be handled again for *by*, with new data (None: with those it has); ``check_order`` has passed."""
-    if task.rare is not None and task.rare.watch is not None:
+    has_begun = bool(task.reached & START_HANDLING)
+    if has_begun and task.rare is not None and task.rare.watch is not None:
         stop_watching(central, task.rare.watch, "it is retried")
     if data is not None:
         central.tree.grow(task, len(data) - len(task.body))
@@ -415,7 +416,7 @@ def retry_task(central: State, task: Task, data: bytes | None, by: str, asking: 
     if asking is not None:
         asking.more.is_resolved = True
     _forget_failures(central, task)
-    if task.reached & START_HANDLING:
+    if has_begun:
         _clear(central, task, Verdict(f"{task} is retried", by, central.origin))
         if asking is not None and asking not in task.more.retry_askers:
             task.more.retry_askers[asking] = None

@@ -347,7 +347,8 @@ class Agenda(Stored):
             self.look_at.append(parent)
 
     def _hold_again(self, task: Task) -> None:
-        """A new constraint holds a task that was startable but has not been delivered: take it out of the queues."""
+        """A new constraint holds a task: take it out of the queues if it was startable and has not been delivered."""
+        self._look_above(task)
         if task.requested and not task.reached & START_HANDLING and not self._may_start(task):
             self._take_back(task)
 

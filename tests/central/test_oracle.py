@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from central.player import Player, point
+from central.player import Player, before, point
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from properties.life import MODULES, Life, operation
@@ -166,6 +166,28 @@ def test_a_retry_waits_until_exception_handlers_are_heard() -> None:
     player.resolve("expert/1")
     player.reply("expert/1")
     assert player.delivered("legs/1")
+
+
+def test_a_monitor_yet_to_begin_can_be_ended_after_a_retry() -> None:
+    player = JudgedLife().player
+    guard = TaskId(player.task("user", "guard", watch=WatchOptions(), suspended=True))
+    player.receive("user", headers.Retry(player.number("user"), guard))
+    player.receive("user", headers.EndMonitor(player.number("user"), guard))
+    player.receive("user", headers.Suspend(player.number("user"), guard, resume=True))
+    assert guard not in player.central.tree.tasks
+
+
+def test_a_monitor_held_anew_dies_if_all_else_has_ended() -> None:
+    player = JudgedLife().player
+    move = player.task("user", "move")
+    held = before(point(move, Moment.END_ACHIEVING), point(-1, Moment.START_ACHIEVING))
+    parent = TaskId(player.task("user", "guard", watch=WatchOptions(), constraints=(held,)))
+    child = player.task("user", "guard", watch=WatchOptions(), under=parent)
+    player.receive("user", headers.EndMonitor(player.number("user"), parent))
+    assert child in player.central.tree.tasks
+    anew = before(point(move, Moment.END_ACHIEVING), point(child, Moment.START_ACHIEVING))
+    player.receive("user", headers.Constrain(player.number("user"), [anew]))
+    assert child not in player.central.tree.tasks
 
 
 def test_a_lost_lock_is_told_of_after_the_wiretaps_of_the_return() -> None:

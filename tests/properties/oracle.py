@@ -40,7 +40,7 @@ class Oracle:
 
     def __init__(self) -> None:
         self.world = World()
-        self.reached: dict[int, int] = {}  # by task, as central says
+        self.reached: dict[int, int] = {}  # by task that has not ended, as central says
         self.claimed: dict[int, bool] = {}  # who wants (False) or has a resource, as central says
         self.queued: dict[int, int] = {}  # by delivery, the messages that wait, as central says
 
@@ -65,18 +65,16 @@ class Oracle:
     def _compare(self, seen: Seen) -> None:
         """Whether central did just what it had to."""
         world = self.world
-        touched = set()
         for fact in seen.facts:
             if isinstance(fact, facts.Reached):
                 self.reached[fact.task] = self.reached.get(fact.task, 0) | fact.moments
-                touched.add(fact.task)
         for task in world.nodes:
-            mine, theirs = sum(world.nodes[task].past), self.reached.get(task, 0)
+            mine, theirs = sum(world.nodes[task].past), self.reached.setdefault(task, 0)
             if mine != theirs:
                 raise Disagreement(f"task {task} has reached {_words(mine)}; central says {_words(theirs)}")
-        for task in touched - world.nodes.keys():
-            if self.reached[task] != 63:
-                raise Disagreement(f"task {task} has ended; central says {_words(self.reached[task])}")
+        for task in self.reached.keys() - world.nodes.keys():
+            if (theirs := self.reached.pop(task)) != 63:
+                raise Disagreement(f"task {task} has ended; central says {_words(theirs)}")
         if world.seen.made or world.seen.given:
             raise Disagreement(f"central did without reason: {world.seen.made} {world.seen.given}")
         self._compare_queues(seen)

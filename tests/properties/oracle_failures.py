@@ -239,7 +239,6 @@ def retry(world: World, node: Node) -> None:
 
 def retry_now(world: World, node: Node, connection: str) -> None:
     """Somebody asks that a task be handled once more: what is under it ends first, but for the monitors of others."""
-    oracle_monitors.stop(world, node)
     node.resolved = False
     at_work = [one for one in world.everything() if one.slot == connection]
     found = max(at_work, key=lambda one: one.turn, default=None)
@@ -255,6 +254,7 @@ def retry_now(world: World, node: Node, connection: str) -> None:
     if SH not in node.past:
         oracle_taps.fire_again(world, node)
         return
+    oracle_monitors.stop(world, node)
     for child in world.children(node):
         if not (child.survives or child.is_guest):
             kill(world, child)
