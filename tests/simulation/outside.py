@@ -79,6 +79,7 @@ class Outside:
         self.under: defaultdict[int, list[int]] = defaultdict(list)
         self.followed_by: defaultdict[int, list[int]] = defaultdict(list)
         self.runs: list[Run] = []
+        self.at_work: dict[Work, Run] = {}
         self.of_token: defaultdict[int, list[Run]] = defaultdict(list)
         self.of_task: defaultdict[int, list[Run]] = defaultdict(list)
         self.deliveries: dict[int, Run] = {}
@@ -166,7 +167,7 @@ class Outside:
             raise Broken(f"{run} begins again, and began as {earlier}")
         if not self.is_lossy:
             self._check_once(run)
-        self.deliveries[header.delivery] = run
+        self.deliveries[header.delivery], self.at_work[work] = run, run
         self.runs.append(run)
         if run.task:
             self.of_task[run.task].append(run)
@@ -182,7 +183,7 @@ class Outside:
 
     def end(self, work: Work, header: headers.Deliver, body: bytes, failing: Failing | None) -> None:
         """A handler has ended."""
-        run = self.deliveries[header.delivery]
+        run = self.at_work.pop(work)  # a number may have been given again, where what was accepted may be lost
         run.ended, run.reply = self.clockwork.now, body
         run.failure = failing.failure if failing is not None else ""
         self.say(run.process.name, f"ENDS   {run} {run.failure}")
