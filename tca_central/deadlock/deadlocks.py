@@ -40,9 +40,7 @@ PATIENCE = 1000
 SLICE = 2000
 """Edges that are looked at in one later look: some milliseconds, four times a second."""
 
-_CLOSES_NOTHING = frozenset(
-    (facts.Queued, facts.Delivered, facts.Returned, facts.Answered, facts.Awaited, facts.WaitBegan)
-)
+_CLOSES_NOTHING = frozenset((facts.Queued, facts.Delivered, facts.Answered, facts.Awaited, facts.WaitBegan))
 """After these nothing waits that did not before, or else it is among the suspects."""
 
 _SHOWN = 12  # parts of a circle that the error names
@@ -92,12 +90,15 @@ def note_event(central: State) -> None:
     """An event is over in which somebody blocks: see later whether anything in it has closed a circle."""
     if not central.may_have_closed:
         for fact in central.facts:
-            if type(fact) not in _CLOSES_NOTHING and _may_matter(fact):
+            if type(fact) not in _CLOSES_NOTHING and _may_matter(central, fact):
                 schedule_look(central)
                 return
 
 
-def _may_matter(fact: facts.Fact) -> bool:
+def _may_matter(central: State, fact: facts.Fact) -> bool:
+    """After its handler a task brings news only with what it waits for itself."""
+    if isinstance(fact, facts.Returned):
+        return central.observers.count > 0
     return not isinstance(fact, facts.Received) or fact.message_class.is_task
 
 

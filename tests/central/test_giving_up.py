@@ -1,15 +1,18 @@
 """Brief waits are no deadlocks, but waits; who gives up is told why there was no answer yet."""
 
 import pytest
-from central.player import Player, point
+from central.player import Player, before, point
 from central.test_load import resource, waits
 
 from tca_central.status.load import load
+from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Awaited, Dropped, RequestRefused
 from tca_wire.packets import headers
+from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import Answer
-from tca_wire.points import Moment
+from tca_wire.points import Moment, TaskId
 from tca_wire.text.waits_in_words import in_words, whereabouts
+from tca_wire.vocabulary import Refusal
 from tca_wire.waits import WaitFor, WaitKind
 
 
@@ -126,3 +129,19 @@ def test_who_gives_up_a_multi_query_is_told_who_failed_and_who_is_late(text: str
     if has_reply:
         robot.reply("good/1")
     assert why(robot, "user", 101) == text
+
+
+def test_a_wait_without_news_is_found_when_a_handler_returns(robot: Player) -> None:
+    robot.module("legs", "goal walk")
+    waiting = robot.task("user", "walk", flags=Flags.NONE)
+    queued = robot.task("user", "walk", flags=Flags.NONE)
+    before_its_end = before(point(queued, Moment.START_HANDLING), point(-1, Moment.END_HANDLING))
+    turning = robot.task("user", "turn", flags=Flags.NONE, constraints=(before_its_end,))
+    number = robot.number("legs/1")
+    robot.receive("legs/1", Observe(number, task=TaskId(turning), origin=waiting))
+    robot.receive("legs/1", headers.Await(number, blocking=True, origin=waiting, seen=2))
+    robot.tick(10.0)
+    assert not robot.facts(RequestRefused), "the handler of the task may change it"
+    robot.reply("eyes/1")
+    robot.tick(10.0)
+    assert [fact.refusal for fact in robot.facts(RequestRefused)] == [Refusal.DEADLOCK]

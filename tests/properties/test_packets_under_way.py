@@ -64,6 +64,10 @@ class Worker:
     def now(self) -> float:
         return self.town.player.time
 
+    @property
+    def is_busy(self) -> bool:
+        return bool(self.from_central or self.session.deliveries or self.session.ahead or self.locking)
+
     def post(self) -> None:
         """What the session says is on its way, in order."""
         self.to_central.extend(self.session.take_outgoing(lambda: self.now))
@@ -182,8 +186,10 @@ class Town:
         """Let all that is under way come to its end."""
         for _, number in list(self.player.central.claims):
             self.player.receive("user", headers.GiveUp(number))
-        for _ in range(200):
+        for _ in range(5_000):  # a slot without messages ahead handles one a round
             self.deliver()
+            if not (self.player.central.dispatcher.running or any(worker.is_busy for worker in self.workers)):
+                return
             for worker in self.workers:
                 if worker.locking is not None:
                     worker.lock()
