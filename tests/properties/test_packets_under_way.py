@@ -66,7 +66,9 @@ class Worker:
 
     @property
     def is_busy(self) -> bool:
-        return bool(self.from_central or self.session.deliveries or self.session.ahead or self.locking)
+        session = self.session
+        has_packets = self.from_central or self.to_central or session.outgoing
+        return bool(has_packets or session.deliveries or session.ahead or self.locking)
 
     def post(self) -> None:
         """What the session says is on its way, in order."""
