@@ -94,14 +94,14 @@ class PermissionsChanged(msgspec.Struct, frozen=True, array_like=True, tag="c"):
 class DiskSpace(msgspec.Struct, frozen=True, array_like=True, tag="d"):
     """The disk of the journal has become nearly full (*is low*), or has room again."""
 
-    time: float
+    time: EntryTime
     is_low: bool
 
 
 class LimitsSet(msgspec.Struct, frozen=True, array_like=True, tag="m"):
     """From now on these limits hold."""
 
-    time: float
+    time: EntryTime
     memory: int
     """Bytes that central may hold of what modules send."""
     tap_depth: int
@@ -114,9 +114,9 @@ class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     """Central was away, and is back with all that it knew; every connection has broken meanwhile."""
 
     time: EntryTime
-    away: float
+    away: EntryTime
     """Seconds, as far as they are known (0: not)."""
-    grace: float
+    grace: EntryTime
     """Seconds after which a connection that has not come back counts as lost."""
     hold: bool = False
     """No task starts until somebody says so, not only until all are back."""
