@@ -137,7 +137,9 @@ def test_where_no_way_is_found_the_feet_are_shuffled_and_the_walk_goes_on(walked
     assert_walked(done)
     assert done.recoveries.keys() >= {"raise leg", "replan move", "shuffle feet"}
     shuffled = done.named("shuffle feet")
-    assert set(names_under(done, shuffled[0])) == {"move leg"}
+    first, *moves = names_under(done, shuffled[0])
+    assert first in ("move body", "move leg")  # the body, if at all, goes first: to where any leg can be lifted
+    assert set(moves) == {"move leg"}
     (arc,) = done.named("traverse arc")
     assert len(arc.handlings) == 1 + len(shuffled)  # begun again each time, from the standard configuration
 
