@@ -12,7 +12,7 @@ from tca_central.model.clock import checked_seconds
 from tca_central.model.deliveries import Connection, Delivery, Handler, Module, ModuleResource
 from tca_central.model.registry import type_size
 from tca_central.model.rights import OWNER, Rights, rights_of
-from tca_central.model.task_tree import Task, to_be_fired
+from tca_central.model.task_tree import Task
 from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import broadcast_notice
 from tca_central.requests.forgetting import make_room
@@ -28,7 +28,6 @@ from tca_wire.messages.notices import COMMANDS, MODULE_JOINED, MODULE_LEFT, Arri
 from tca_wire.packets import headers
 from tca_wire.packets.headers import PROTOCOL_VERSION, Cancelled
 from tca_wire.packets.parts import HandlerFormat
-from tca_wire.points import START_HANDLING
 from tca_wire.rules import FAILURE, RETURNED
 from tca_wire.vocabulary import Limit, Outcome, Refusal
 
@@ -257,9 +256,7 @@ def _give_to_another(central: State, delivery: Delivery) -> None:
     if not isinstance(delivery, Task):
         central.dispatcher.route(delivery)
         return
-    is_tapped = bool(to_be_fired(delivery, START_HANDLING))
-    if delivery.suspended or delivery.retrying or is_tapped:  # it will not be queued at once
-        central.facts.append(facts.Unqueued(delivery.given_as))
+    central.facts.append(facts.Unqueued(delivery.given_as))  # it may be held, or killed, before it is queued elsewhere
     restart(central, delivery)
     if not delivery.killed:
         central.agenda.requeue(delivery)
