@@ -268,7 +268,7 @@ def retried(world: JournalWorld, item: MessageRecord, fact: facts.Retried) -> No
     for child in item.children.values():  # the failures that they were called for are forgotten
         is_handler = child.role is Role.EXCEPTION
         child.is_void = child.is_void or is_handler
-        is_forgotten = is_handler or (has_begun and not (child.role.survives or child.is_guest))
+        is_forgotten = is_handler or (has_begun and not (child.role or child.is_guest))  # a listener may be a guest
         below = [child]
         for one in below:  # grows while it is walked
             below += one.children.values()
