@@ -4,7 +4,7 @@ A walk follows all that the task waits for, each thing once. What is under it co
 on, its constraints, and its handlers that wait, lead to tasks elsewhere.
 """
 
-from math import inf
+from math import inf, nextafter
 from typing import NamedTuple
 
 from tca_tools.analysis.steps import Doing, PathStep, delay_of
@@ -68,7 +68,7 @@ def _circle(at: RunAt, message: Message, until: float) -> GoingOn | None:
     if found is None or found.kind is not WaitKind.CIRCLE:
         return None
     members = [at.run.messages[one] for one in ends.circle(found.number) if one in at.run.messages]
-    closed, member = max((last_change(at.run, one, until), one.id) for one in members)
+    closed, member = max((last_change(at.run, one, nextafter(at.moment, inf)), one.id) for one in members)
     step = PathStep(closed, until, Doing.CIRCLE, member, "")
     return GoingOn(Node(member), member != message.id, member, None, step)
 
@@ -160,9 +160,9 @@ class _WaitWalk:
             self._stands(node, number, cause, start, Doing.DELAY)
         elif isinstance(record, Suspension):
             since = record.standstill
-            if since is not None and since < self._until:
+            if stands := since is not None and since <= self._at.moment:
                 self._stands(node, record.cause, record.cause, since, Doing.SUSPENDED)
-            for run in record.still if since is None or since >= self._until else ():
+            for run in () if stands else record.still:
                 if run.start <= self._at.moment < run.until:
                     self._come_to(node_of(self._at.run, run), node, wait)
         elif wait.kind is WaitKind.CONDITION:

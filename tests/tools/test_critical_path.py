@@ -129,6 +129,10 @@ def test_a_circle_of_waits_is_named_also_when_somebody_ends_it(is_killed: bool) 
     assert why_then(run, stuck) == "it waits for walk {1}, which waits for itself by way of walk {2}"
 
 
+def test_a_circle_that_the_last_event_closes_led_to_work() -> None:
+    assert path_of(circling().fold(3.0)) == [("walk", "b", 1.0, 3.0)]
+
+
 def test_what_is_suspended_by_something_above_another_task_waits_for_what_still_runs_there() -> None:
     """A walk {1} is suspended while its move {2} runs on; a look {3} of a program is suspended with it, and killed."""
     story = Story().module("a", "walk").module("legs", "move").at(1.0)
@@ -168,10 +172,12 @@ def test_a_suspended_task_of_which_nothing_ran_stood_in_a_queue_before() -> None
     story.say(facts.Unqueued(fly), facts.SuspendedOrResumed(TaskId(walk), True)).at(5.0)
     story.say(facts.SuspendedOrResumed(TaskId(walk), False)).queued(fly).at(7.0).acted(fly, "a", 1.0)
     story.reached(walk, Moment.END_ACHIEVING)
-    assert path_of(story.fold()) == [
+    path = [
         ("walk", "a", 1.0, 1.5), ("no handler", "", 1.5, 3.0), ("suspended", "", 3.0, 5.0),
         ("no handler", "", 5.0, 7.0), ("fly", "a", 7.0, 8.0),
     ]  # fmt: skip
+    assert path_of(story.fold()) == path
+    assert path_of(story.fold(3.0)) == path[:2]  # the journal ends with the suspension
 
 
 def test_what_was_resumed_alone_works_under_a_suspended_task() -> None:
