@@ -407,7 +407,8 @@ def _moments(task: Task, moment: int, time: float) -> int:
     its own moments adds what comes before the first.
     """
     if task.time_of(moment) <= time:
-        return END_HANDLING if moment == END_HANDLING and going_on(task.handlings, time) else 0  # it is handled again
+        is_again = moment == END_HANDLING and (going_on(task.handlings, time) or task.was_retried(time))
+        return END_HANDLING if is_again else 0  # it is handled again, or to be
     if task.killed is not None and task.written("killed") <= time:  # it reaches none before its handler has returned
         return END_HANDLING | (moment & _ENDS)
     before = _BEFORE[task.message_class.is_goal]

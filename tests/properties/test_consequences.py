@@ -22,9 +22,11 @@ from tca_tools.run.fold import History
 from tca_tools.why.ends import MOST, End, Ends
 from tca_tools.why.wait import Node
 from tca_wire.constraints import Flags
+from tca_wire.journal.facts import Killed
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, Moment, TaskId
+from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitKind
 
 numbers = st.integers(0, 50)
@@ -78,6 +80,8 @@ class Life(Blocking):
         origin = delivery.given_as if delivery else 0
         if who == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
             return
+        if what == "return" and delivery and delivery.role is Role.EXCEPTION and c % 2:
+            self.resolve(who, origin)
         if what == "send":
             self._send(delivery, a, b, c)
         elif what == "plan ahead":
@@ -179,7 +183,10 @@ class Again(Player):
         self.hello(f"{empty[0].module}/{len(self.entries)}", empty[0].module, empty[0].resource)
 
     def answer(self, run: Delivery) -> None:
+        """It returns, an exception handler with its failure resolved: else what is under the failed task would end."""
         if run.slot is not None:
+            if run.role is Role.EXCEPTION:
+                self.resolve(run.slot.id.decode(), run.given_as)
             self.reply(run.slot.id.decode(), run.given_as)
 
     def take(self, name: str) -> None:
@@ -229,10 +236,11 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
 
 def nothing_else_helps(life: Life, ends: tuple[End, ...], nodes: list[Node]) -> None:
     again, named = Again(life), {end.number for end in ends}
-    circles = Ends.at(again.at)
+    circles, killed = Ends.at(again.at), len(again.facts(Killed))
     done = list(rest(again, ends, named))
     left = [node for node in nodes if not again.has_reached(node)]
-    assert left == nodes, f"{set(nodes) - set(left)} waited for {ends}, and this was enough: {done} {circles}"
+    if len(again.facts(Killed)) == killed:  # an exception handler that has failed itself decides nothing: that kills
+        assert left == nodes, f"{set(nodes) - set(left)} waited for {ends}, and this was enough: {done} {circles}"
 
 
 def rest(again: Again, ends: tuple[End, ...], named: set[int]) -> Iterator[object]:
@@ -279,6 +287,23 @@ def what_is_named_helps(life: Life, node: Node) -> None:
     [("send", 0, 0, 0), ("send", 0, 34, 0), ("return", 0, 0, 0), ("retry", 0, 0, 0), ("send", 0, 0, 0)]
 )  # or again
 @example([("send", 0, 0, 38), ("suspend", 0, 0, 1), ("retry", 0, 0, 0)])  # once it is resumed
+@example(
+    [("send", 0, 1, 0), ("send", 0, 0, 0), ("lock", 0, 0, 0), ("send", 0, 0, 0), ("fail", 0, 0, 0), ("fail", 1, 0, 0)]
+)  # or what failed there is killed
+@example(
+    [
+        ("send", 0, 1, 0),
+        ("send", 0, 0, 0),
+        ("send", 0, 1, 0),
+        ("ask", 1, 0, 0),
+        ("lock", 0, 1, 0),
+        ("fail", 0, 0, 0),
+        ("return", 0, 0, 0),
+        ("send", 0, 1, 0),
+        ("retry", 0, 0, 0),
+    ]
+)  # or who has a lock is handled again
+@example([("send", 0, 0, 0)] + [("send", 0, 1, 0)] * 3 + [("fail", 0, 0, 0)])  # or its failure is dealt with
 @given(steps)
 @settings(max_examples=30)
 def test_what_is_named_is_what_is_waited_for(taken: list[tuple[str, int, int, int]]) -> None:
