@@ -143,12 +143,13 @@ def data_for(message: MessageType, body: bytes) -> bytes:
 
 
 def at_birth(task: Task) -> list[facts.Fact]:
-    """The facts of the moments that a new task has reached already, and of a monitor that is waited for."""
+    """The facts of the moments that a new task has reached already, and of a monitor that is waited for, or spared."""
     if task.is_goal:
         return []
-    reached = facts.Reached(TaskId(task.id), task.message.rules.at_birth)
-    is_awaited = task.message.is_aside and not task.is_watcher
-    return [facts.WaitedFor(TaskId(task.id)), reached] if is_awaited else [reached]
+    found: list[facts.Fact] = [facts.OutlivesRetry(TaskId(task.id))] if task.is_guest else []
+    if task.message.is_aside and not task.is_watcher:
+        found.append(facts.WaitedFor(TaskId(task.id)))
+    return [*found, facts.Reached(TaskId(task.id), task.message.rules.at_birth)]
 
 
 def suspend(

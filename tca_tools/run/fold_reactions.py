@@ -12,7 +12,7 @@ from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.life_cycles import Effect
 from tca_wire.points import ROOT, Moment, Point, TaskId
-from tca_wire.rules import CONDITIONS, recurs_on_retry
+from tca_wire.rules import CONDITIONS
 from tca_wire.vocabulary import Refusal
 
 
@@ -119,6 +119,10 @@ class ReactionFold(RecordFold):
         if fact.monitor > 0:
             self._task(fact.monitor).is_waited_for = True
 
+    def _spared(self, fact: facts.OutlivesRetry) -> None:
+        if fact.monitor > 0:
+            self._task(fact.monitor).outlives_retry = True
+
     def _tested(self, fact: facts.MonitorTested) -> None:
         self.tests.setdefault(fact.monitor, []).append((self.time, fact.holds))
 
@@ -164,8 +168,6 @@ class ReactionFold(RecordFold):
         if tap is None or tapped is None or listener is None:
             return
         rule = CONDITIONS[tap.condition]
-        watches_it = listener.message_class.is_aside and rule.finds_it_alive and not rule.is_child
-        listener.outlives_retry = watches_it and not recurs_on_retry(tap.condition)
         if not rule.holds_until:
             return
         before, after = Moment(rule.holds_until), Moment(rule.before)

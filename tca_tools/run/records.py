@@ -442,7 +442,7 @@ class Task(Message):
     is_waited_for: bool = False
     """Of a polling or demon monitor: its parent waits for its end, else it ends with all else there at the latest."""
     outlives_retry: bool = False
-    """Of a wiretap's monitor: a retry of the tapped task, under which it is, spares it."""
+    """Of a monitor: a retry of the task that it is under spares it."""
     watched: str = ""
     """Of a monitor: why it watches no longer."""
     caught_by: Sequence[TaskId] = NONE

@@ -34,7 +34,7 @@ def of_retry(run: Run, task: Task, retry: Retry, killed: float, under: _Under) -
         children = [run.tasks[number] for number in still]
         if task.message_class.is_monitor:
             children = _before_it_begins(task, retry, children, asker)
-        awaited = [TaskId(child.id) for child in children if not _is_guest(child, retry)]
+        awaited = [TaskId(child.id) for child in children if not child.outlives_retry]
         for child in under(run, awaited, END_ACHIEVING, retry.time):
             if child is asker and asker.role is Role.EXCEPTION:
                 continue
@@ -55,15 +55,7 @@ def _before_it_begins(monitor: Task, retry: Retry, children: list[Task], asker: 
                 begins = max(begins, suspension.until)
         if child.received >= begins and bisect_left(monitor.children, child.id) >= retry.sent:
             break
-        if not _is_guest(child, retry):
+        if not child.outlives_retry:
             begins = max(begins, child.time_of(END_ACHIEVING))
         found.append(child)
     return found
-
-
-def _is_guest(child: Task, retry: Retry) -> bool:
-    """Whether it is a monitor that a retry of the task above has spared, since others had put it there: any other was
-    killed then, or as it came.
-    """
-    killed = child.killed is not None and child.written("killed") <= max(retry.time, child.received)
-    return child.outlives_retry or (child.message_class.is_monitor and not child.role and not killed)

@@ -482,6 +482,12 @@ class WaitedFor(BaseFact, frozen=True, tag="waited for"):
     monitor: TaskId
 
 
+class OutlivesRetry(BaseFact, frozen=True, tag="spared"):
+    """Others than the handler of the task above have put a monitor there: a retry of that task spares it."""
+
+    monitor: TaskId
+
+
 class MonitorTested(BaseFact, frozen=True, tag="tested"):
     """The condition of a monitor was asked; whether it holds."""
 
@@ -506,7 +512,7 @@ Fact = (
     | Awaited | WaitBegan | WaitEnded | Claimed | Granted | ClaimEnded
     | Failed | Attached | Removed | Caught | Reissued | Resolved | NotResolved | Unhandled | Recovered  # noqa: F405
     | Retried  # noqa: F405
-    | TapAdded | TapFired | WaitedFor | MonitorTested | MonitorEnded
+    | TapAdded | TapFired | WaitedFor | OutlivesRetry | MonitorTested | MonitorEnded
 )  # fmt: skip
 
 

@@ -303,13 +303,18 @@ def test_who_is_retried_does_not_wait_for_its_exception_handler_once_that_has_en
     assert_lists(player.history)
 
 
-def test_a_retry_spares_a_monitor_of_others_that_is_killed_later(player: ComparedPlayer) -> None:
+@pytest.mark.parametrize("is_later", [False, True])
+def test_a_retry_spares_a_killed_monitor_of_others(player: ComparedPlayer, is_later: bool) -> None:
     careful = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["move", "note", ""])
     player.receive("user", headers.Register(player.number("user"), [careful]))
     guard = player.task("user", "guard", watch=WatchOptions(waited_for=True))
     spared = player.task("user", "careful", under=guard, origin=0, watch=WatchOptions())
-    retry(player, guard)
+    if is_later:
+        retry(player, guard)
     player.receive("user", headers.Kill(player.number("user"), TaskId(spared)))
+    if not is_later:
+        player.task("user", "move", under=guard, flags=Flags.NONE)  # the retry waits for this alone
+        retry(player, guard)
     player.task("user", "later", under=guard)
     assert player.central.tree.tasks[TaskId(spared)].killed
 

@@ -71,6 +71,7 @@ def told_of_control(story: Story, task: TaskId) -> None:
     )
     story.say(
         facts.WaitedFor(task),
+        facts.OutlivesRetry(task),
         facts.MonitorTested(task, holds=True),
         facts.MonitorEnded(task, "its end point is reached"),
     )
