@@ -144,8 +144,10 @@ def _find(
     for at, attached in _candidates(central, task, below):
         if attached.failure not in names or not attached.handler.handlers:
             continue
-        if (attached.id, failure.name) in passed or (attached.id, "") in passed:
+        if (attached.id, failure.name) in passed:
             continue
+        if (attached.id, "") in passed and task.role is Role.EXCEPTION and task.context.attached is attached:
+            continue  # its own retry was refused
         calls = at.rare.invocations.get(attached.id, 0) if at.rare else 0
         is_exhausted = attached.maximum and calls >= attached.maximum
         if not is_exhausted and nested.get(attached.id, 0) < MOST_NESTED:
@@ -178,8 +180,13 @@ def _nested(task: Task) -> dict[int, int]:
 
 
 def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | None:
-    """End the top-level task, or kill the exception handler around a failure not raised by choice, and return it."""
-    undecided = None if NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)) else next(task.recoveries(), None)
+    """End the top-level task; or kill the exception handler around a failure that was not raised by choice, or that a
+    retry leaves behind, and return it.
+    """
+    undecided = next(task.recoveries(), None)
+    if undecided is not None and NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)):
+        is_left_behind = any(one.retrying for one in undecided.context.failing.lineage())
+        undecided = undecided if is_left_behind else None
     central.facts.append(facts.Unhandled(TaskId(task.id), TaskId(undecided.id) if undecided else ROOT))
     verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=TaskId(task.id))
     if undecided is None:
@@ -341,7 +348,7 @@ def _check_attempts(task: Task, asking: Task) -> None:
     attempts = task.rare.attempts if task.rare is not None else 1
     if not asking.context.attached.maximum and attempts >= MOST_ATTEMPTS:
         text = f"{task} has been handled {attempts} times: attach its exception handler with maximum= for more"
-        asking.context.passed[asking.context.attached.id, ""] = None  # nor is it asked about its own failure with this
+        asking.context.passed[asking.context.attached.id, ""] = None  # of its own failure it is not asked
         raise RequestError(Refusal.OVERLOAD, text)
 
 
@@ -366,16 +373,10 @@ def _next_ends(task: Task, *moments: int) -> list[Place]:
     return [Place(task, moment) for moment in moments if not task.reached & moment][:1]
 
 
-def _forget_failures(central: State, task: Task) -> None:
-    """The failures that came before a retry are forgotten: those of the task, and those in what ends with the retry."""
-    has_begun = bool(task.reached & START_HANDLING)
+def _forget_failures(task: Task) -> None:
+    """The failures of a task that came before a retry are forgotten: the exception handlers for them decide nothing."""
     for child in (task.children or {}).values():
-        is_handler = child.role is Role.EXCEPTION
-        if is_handler or (has_begun and not (child.survives or child.is_guest)):
-            for one in central.tree.subtree(child):
-                if one.role is Role.EXCEPTION:
-                    one.more.is_resolved = True
-        if is_handler:
+        if child.role is Role.EXCEPTION:
             child.more.is_void = True
 
 
@@ -415,7 +416,7 @@ def retry_task(central: State, task: Task, data: bytes | None, by: str, asking: 
         task.more.is_resolved = False
     if asking is not None:
         asking.more.is_resolved = True
-    _forget_failures(central, task)
+    _forget_failures(task)
     if has_begun:
         _clear(central, task, Verdict(f"{task} is retried", by, central.origin))
         if asking is not None and asking not in task.more.retry_askers:

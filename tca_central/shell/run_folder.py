@@ -42,7 +42,7 @@ class RunFolder:
             self.run = self._unfinished_run(is_fresh=is_fresh, accept=accept)
         except OSError as error:
             os.close(self._lock)
-            raise disk_error(error, f"journal {path}: {error.filename or ''}") from None
+            raise disk_error(error, f"journal {error.filename or path}") from None
         except BaseException:
             os.close(self._lock)
             raise

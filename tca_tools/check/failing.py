@@ -167,13 +167,12 @@ def _check_recovered(world: JournalWorld, failing: MessageRecord) -> None:
 
 def recovered(world: JournalWorld, task: MessageRecord, fact: facts.Recovered) -> None:
     """A failure has been dealt with. The task may have ended with its exception handler."""
+    del fact
     check_recovered(world, task)
     if not task.ended_handlers and not task.is_stranger:
         world.broken(RECOVERED, task, "recovered, and no exception handler of it has ended")
     if handler := _pop_ended(task):
-        if fact.handler and not (
-            handler.has_resolved or handler.may_have_retried or handler.is_stranger
-        ):  # journals before that do not name it
+        if not (handler.has_resolved or handler.is_stranger):
             world.broken(RESOLVED, task, f"recovered, and {handler} neither resolved its failure nor retried it")
         if task.deciding == handler.id:
             task.deciding, task.returned = 0, True
@@ -263,21 +262,16 @@ def retried(world: JournalWorld, item: MessageRecord, fact: facts.Retried) -> No
     if item.is_killed:
         world.broken(KILLED, item, "was retried, and it is killed")
     item.failure, item.body, item.is_resolved = "", fact.body or item.body, False
-    item.has_resolved = item.may_have_retried = False
-    has_begun = bool(item.reached & START_HANDLING)
+    item.has_resolved = False
     for child in item.children.values():  # the failures that they were called for are forgotten
-        is_handler = child.role is Role.EXCEPTION
-        child.is_void = child.is_void or is_handler
-        is_forgotten = is_handler or (has_begun and not (child.role or child.is_guest))  # a listener may be a guest
-        below = [child]
-        for one in below:  # grows while it is walked
-            below += one.children.values()
-            one.has_resolved |= is_forgotten and one.role is Role.EXCEPTION
-            one.may_have_retried = True  # any of them may have asked for it
+        child.is_void = child.is_void or child.role is Role.EXCEPTION
+    asking = world.deliveries.get(world.asked_by) or world.items.get(world.asked_by)
+    if asking is not None and asking.role is Role.EXCEPTION:
+        asking.has_resolved = True
     item.is_retried = True
     item.passed.clear()
     world.flagged.append(item)
-    if has_begun:
+    if item.reached & START_HANDLING:
         item.again, item.returned, item.deciding = True, False, 0
         world.later.append(lambda: _check_retried(world, item))
 

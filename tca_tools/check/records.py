@@ -132,8 +132,7 @@ class MessageRecord(MessageView):
     searches: list[int] = field(default_factory=list)
     """Searches for exception handlers that must come: after which one (OWN and BESIDE: anew)."""
     ended_handlers: "list[MessageRecord]" = field(default_factory=list)  #: exception handlers that have just ended
-    has_resolved: bool = False  #: of an exception handler: it has said so, or a retry has forgotten its failure
-    may_have_retried: bool = False  #: a task above it was retried, by it or another
+    has_resolved: bool = False  #: of an exception handler: it has said so, or asked for a retry
     is_void: bool = False  #: of an exception handler: it decides nothing any more
     invocations: dict[int, int] = field(default_factory=dict)  #: how often each attachment was called here
 

@@ -14,6 +14,7 @@ from tca_tools.check.rules import ENDED, KNOWN, Rule, Violation
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.whole_run import Run
 from tca_wire.journal import facts
+from tca_wire.journal.causes import Request
 from tca_wire.text.facts_in_words import called
 from tca_wire.text.facts_in_words import place as words_of_place
 from tca_wire.vocabulary import MessageClass
@@ -40,7 +41,7 @@ class JournalWorld:
         self.first = 1 if is_whole else 0  #: the first number of which all must be known (0: not known yet)
         self.newest = 0  #: the highest number given so far
         self.events = events  #: how many were seen before this one
-        self.event = 0  #: its number
+        self.event, self.asked_by = 0, 0  #: its number, and the delivery whose handler asked for it
         self.now = 0.0
         self.is_holding = False  #: since a restart no task begins
         self.passed = 0.0  #: seconds since the event before
@@ -129,6 +130,7 @@ class JournalWorld:
     def begin(self, entry: facts.Entry) -> None:
         """An event begins: forget what ended with the one before."""
         self.kept_out = False
+        self.asked_by = entry.cause.origin if isinstance(entry.cause, Request) else 0
         self.event, self.passed, self.now = entry.number, max(entry.time - self.now, 0.0), entry.time
         for item in self.flagged:
             item.is_new = item.is_retried = item.has_fired = False

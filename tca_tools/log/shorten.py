@@ -213,7 +213,7 @@ def _reported() -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise ToolError(f"{printable(str(error.filename))}: {error.strerror}") from None
+        raise ToolError(f"{printable(str(error.filename or 'a shorter segment'))}: {error.strerror}") from None
 
 
 def _entries(path: Path) -> Iterator[tuple[Entry, int]]:

@@ -9,7 +9,7 @@ from central.player import Player
 from tca_central.events import Record
 from tca_central.failing.failures import MOST_ATTEMPTS
 from tca_central.shell.log_lines import OFTEN, LogLines
-from tca_wire.journal.facts import Retried
+from tca_wire.journal.facts import Caught, Received, Retried
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import TaskId
@@ -47,6 +47,16 @@ def test_a_handler_of_all_is_not_asked_about_its_refused_retry() -> None:
         player.reply("expert/1")
     called = [one.message for one in player.fail("expert/1", "handler error") if isinstance(one, headers.Deliver)]
     assert called == ["stop"]
+
+
+def test_a_handler_of_all_is_asked_about_what_it_sends_instead() -> None:
+    player = begun(failure="")
+    while not isinstance(retry(player), headers.Refused):
+        player.reply("expert/1")
+    (*_, handler) = player.facts(Caught)
+    player.task("expert/1", "move", under=handler.handler)
+    player.fail("legs/1", "slip")
+    assert [one.message for one in player.facts(Received) if one.role][-1] == "recover"
 
 
 def test_retries_end_later_with_a_maximum_of_ones_own() -> None:

@@ -129,7 +129,8 @@ def _search(world: World, node: Node, names: tuple[str, ...], after: Trouble | N
             handler = oracle_rules.make(world, attachment.handler, Role.EXCEPTION, node, node)
             handler.failing = Trouble(node, names, at, attachment, passed)
             return handler
-    if around and set(names) & FAILED_OTHERWISE:
+    is_left_behind = around and around.failing and any(above.again for above in around.failing.node.lineage())
+    if around and (is_left_behind or set(names) & FAILED_OTHERWISE):
         _pass_over(world, around)
         return None
     lineage = node.lineage()
@@ -246,11 +247,7 @@ def retry_now(world: World, node: Node, connection: str) -> None:
     if asking is not None:
         asking.resolved = True
     for child in world.children(node):
-        is_handler = child.role is Role.EXCEPTION
-        child.void |= is_handler
-        if is_handler or (SH in node.past and not (child.survives or child.is_guest)):
-            for below in world.subtree(child):
-                below.resolved = True
+        child.void |= child.role is Role.EXCEPTION
     if SH not in node.past:
         oracle_taps.fire_again(world, node)
         return
