@@ -182,9 +182,7 @@ class Reference:
             match fact:
                 case facts.Returned():
                     returned |= {number for number, task in self.tasks.items() if task.delivery == fact.id}
-                case facts.Unhandled() if fact.task in self.tasks and self.tasks[fact.task].has_failed:
-                    returned.add(fact.task)
-                case facts.Recovered():
+                case facts.Recovered() | facts.Unhandled():
                     if fact.task in self.tasks and self.tasks[fact.task].has_failed:  # else its handler goes on
                         returned.add(fact.task)
                     self.failed(fact.task, False)
