@@ -15,6 +15,7 @@ from tca_coordination import (
     Coordinator,
     Discrete,
     Do,
+    Fact,
     MachineEvent,
     Perceived,
     Policy,
@@ -32,6 +33,9 @@ GRIPPER = Command("gripper", str)
 BOX_B_FREE = Variable("box B is free", float)
 STUCK = Failure("stuck", float)
 BASE, ARM, FINGERS = Agent("base"), Agent("arm"), Agent("gripper")
+HOME = Do(MOVE_ARM, "home", ARM)
+AT_HOME: dict[str, Fact] = {"base": "A", "arm": "home"}
+AS_SOON_AS_LIKELY = Discrete(0.2, utility=lambda candidate: candidate.probability)
 SECONDS = {MOVE_BASE.name: 8, MOVE_ARM.name: 3, GRIPPER.name: 1}
 
 
@@ -49,7 +53,7 @@ def opened(**needs: str) -> Activity:
 
 def delivery(name: str = "deliver") -> Coordination:
     """From A to box B, or to box C if B is not free, and back."""
-    with Coordination(name, facts={"base": "A", "arm": "home"}) as machine:
+    with Coordination(name, facts=AT_HOME) as machine:
         waiting = machine.state("waiting")
         to_b = machine.state("going to B", base("B"))
         to_c = machine.state("going to C", base("C"))
@@ -92,6 +96,17 @@ def make_robot(central: LocalCentral) -> Module:
     return robot
 
 
+def make_driving_base() -> Module:
+    """A robot whose base drives for 8 s; a test adds its other parts."""
+    robot = Module("robot")
+
+    @robot.handles(MOVE_BASE, resource="base")
+    def drive(task: Task, _: str) -> None:
+        task.sleep(8)
+
+    return robot
+
+
 ACCORDING_TO_PROGRESS = Discrete(0.25, utility=progress_only)
 
 
@@ -107,6 +122,22 @@ class Play:
     def begin(self, **options: Any) -> SentTask[CoordinationEnd]:
         run = self.user.command(self.coordinator.message, self.coordinator.chart, **options)
         self.central.until_quiet()
+        return run
+
+    def start(self, *events: str, seconds: float = 0) -> SentTask[CoordinationEnd]:
+        """Begin while box B is free; these events come at once, then so many seconds pass."""
+        self.box_b(1.0)
+        run = self.begin()
+        for event in events:
+            self.event(event)
+        self.central.advance(seconds)
+        return run
+
+    def start_mistaken(self, *events: str, seconds: float = 4, later: float = 30) -> SentTask[CoordinationEnd]:
+        """Begin as start() does; box B is taken after so many seconds."""
+        run = self.start(*events, seconds=seconds)
+        self.box_b(0.0)
+        self.central.advance(later)
         return run
 
     def event(self, name: str) -> None:

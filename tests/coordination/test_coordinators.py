@@ -5,6 +5,8 @@ from threading import Event
 import pytest
 from coordination.delivery_robot import (
     ARM,
+    AS_SOON_AS_LIKELY,
+    AT_HOME,
     BASE,
     BOX_B_FREE,
     FINGERS,
@@ -19,19 +21,29 @@ from coordination.delivery_robot import (
     play,
 )
 
-from tca_coordination import COORDINATION_EVENT, Activity, Coordination, Coordinator, Discrete, Do, MachineEvent
+from tca_coordination import COORDINATION_EVENT, Activity, Coordination, Coordinator, Do, MachineEvent
 from tca_coordination.model.statechart import Interpreter
 from tca_module import Command, ExceptionHandler, MisuseError, Module, Outcome, Recovery, Task, TaskFailed, connect
 from tca_module.testing import LocalCentral
 
-ALWAYS = Discrete(0.2, utility=lambda candidate: candidate.probability)
-SIMPLE = {"base": "A", "arm": "home"}
+
+def reaching(place: str) -> Coordination:
+    with Coordination("reach", facts=AT_HOME) as machine:
+        machine.state("reaching", arm(place)).to(machine.final("end"))
+    return machine
+
+
+def driving() -> Coordination:
+    """The base drives until it is there, or until there is noise."""
+    with Coordination("drive", facts=AT_HOME) as machine:
+        there, end = machine.state("there", base("B")), machine.final("end")
+        there.to(end)
+        there.to(end, on="noise")
+    return machine
 
 
 def test_a_failure_without_an_arrow_is_that_of_the_run() -> None:
-    with Coordination("reach", facts=SIMPLE) as machine:
-        machine.state("reaching", arm("stuck")).to(machine.final("end"))
-    with play(machine, None) as run:
+    with play(reaching("stuck"), None) as run:
         ran = run.begin()
         run.central.advance(2)
         with pytest.raises(TaskFailed) as failed:
@@ -50,9 +62,7 @@ def test_an_exception_handler_of_the_run_is_asked_first() -> None:
         assert task.trouble.failing.message == MOVE_ARM.name
         task.trouble.failing.retry(MOVE_ARM, "home")
 
-    with Coordination("reach", facts=SIMPLE) as machine:
-        machine.state("reaching", arm("stuck")).to(machine.final("end"))
-    with play(machine, None) as run:
+    with play(reaching("stuck"), None) as run:
         expert.central = run.central
         with expert.running():
             ran = run.begin(on_failure=[Recovery(STUCK, again)])
@@ -73,18 +83,14 @@ def test_a_failure_below_a_task_is_that_of_its_activity() -> None:
     def fail(_: Task) -> None:
         raise STUCK(2.5, "it is heavy")
 
-    with Coordination("reach", facts=SIMPLE) as machine:
-        machine.state("reaching", arm("box B")).to(machine.final("end"))
-    with play(machine, None, robot) as run:
+    with play(reaching("box B"), None, robot) as run:
         ran = run.begin()
         with pytest.raises(TaskFailed, match="it is heavy"):
             ran.result(timeout=5)
 
 
 def test_a_task_that_somebody_kills_has_failed() -> None:
-    with Coordination("reach", facts=SIMPLE) as machine:
-        machine.state("reaching", arm("box B")).to(machine.final("end"))
-    with play(machine, None) as run:
+    with play(reaching("box B"), None) as run:
         ran = run.begin()
         run.user.tasks(MOVE_ARM)[0].kill("not now")
         run.central.until_quiet()
@@ -94,7 +100,7 @@ def test_a_task_that_somebody_kills_has_failed() -> None:
 
 def lost() -> Coordination:
     """The arm moves, or fails to; what comes then needs that it has moved."""
-    with Coordination("lost", facts=SIMPLE) as machine:
+    with Coordination("lost", facts=AT_HOME) as machine:
         reach = machine.state("reaching", arm("stuck"))
         grasp = machine.state("grasping", opened(arm="stuck"))
         end, given_up = machine.final("end"), machine.state("giving up", base("A"))
@@ -115,7 +121,7 @@ def test_a_state_whose_needs_are_not_met_fails() -> None:
 
 
 def test_a_state_whose_needs_are_not_met_is_left_by_its_arrow() -> None:
-    with Coordination("careful", facts=SIMPLE) as machine:
+    with Coordination("careful", facts=AT_HOME) as machine:
         reach = machine.state("reaching", arm("stuck"))
         grasp = machine.state("grasping", opened(arm="stuck"))
         stow = machine.state("stowing", arm("home"))
@@ -125,7 +131,7 @@ def test_a_state_whose_needs_are_not_met_is_left_by_its_arrow() -> None:
         grasp.to(end)
         grasp.to(stow, on="failed")
         stow.to(end)
-    with play(machine, ALWAYS) as run:
+    with play(machine, AS_SOON_AS_LIKELY) as run:
         ran = run.begin()
         run.central.advance(10)
         assert run.happened() == [
@@ -153,7 +159,7 @@ def test_an_event_ends_an_activity_and_the_next_waits_for_its_agent() -> None:
     def honk(task: Task, _: str) -> None:
         task.sleep(1)
 
-    with Coordination("drive", facts=SIMPLE) as machine:
+    with Coordination("drive", facts=AT_HOME) as machine:
         there, look = machine.state("there", base("B")), machine.state("look", Activity(Do(GRIPPER, "horn", BASE)))
         end = machine.final("end")
         there.to(end)
@@ -181,11 +187,7 @@ def test_patience_with_a_task_that_goes_on() -> None:
     def drive(task: Task, _: str) -> None:
         task.sleep(100)
 
-    with Coordination("drive", facts=SIMPLE) as machine:
-        there, end = machine.state("there", base("B")), machine.final("end")
-        there.to(end)
-        there.to(end, on="noise")
-    with play(machine, None, robot, patience=2.0) as run:
+    with play(driving(), None, robot, patience=2.0) as run:
         ran = run.begin()
         run.event("noise")
         run.central.advance(10)
@@ -201,11 +203,7 @@ def test_the_end_waits_for_a_task_that_makes_things_safe() -> None:
         with task.shielded():
             task.sleep(8)
 
-    with Coordination("drive", facts=SIMPLE) as machine:
-        there, end = machine.state("there", base("B")), machine.final("end")
-        there.to(end)
-        there.to(end, on="noise")
-    with play(machine, None, robot, patience=2.0) as run:
+    with play(driving(), None, robot, patience=2.0) as run:
         ran = run.begin()
         run.event("noise")
         run.central.advance(7)
@@ -215,7 +213,7 @@ def test_the_end_waits_for_a_task_that_makes_things_safe() -> None:
 
 
 def test_a_guard_is_asked_again_when_a_variable_changes() -> None:
-    with Coordination("gate", facts=SIMPLE) as machine:
+    with Coordination("gate", facts=AT_HOME) as machine:
         there, end = machine.state("there", base("B")), machine.final("end")
         there.to(end, when=BOX_B_FREE)
     with play(machine, None) as run:
@@ -230,7 +228,7 @@ def test_a_guard_is_asked_again_when_a_variable_changes() -> None:
 
 def test_tasks_of_one_activity_run_together_and_fail_together() -> None:
     both = Activity(Do(MOVE_BASE, "B", BASE), Do(MOVE_ARM, "stuck", ARM), Do(GRIPPER, "open", FINGERS))
-    with Coordination("both", facts=SIMPLE) as machine:
+    with Coordination("both", facts=AT_HOME) as machine:
         work, end = machine.state("work", both), machine.final("end")
         work.to(end)
         work.to(end, on="failed")
@@ -264,7 +262,7 @@ def test_an_event_that_nothing_leads_on_by_is_forgotten() -> None:
 
 
 def test_another_machine_of_that_name_is_rejected() -> None:
-    with Coordination("deliver", facts=SIMPLE) as other:
+    with Coordination("deliver", facts=AT_HOME) as other:
         other.state("there", base("B")).to(other.final("end"))
     with play(delivery(), None) as run:
         ran = run.user.command(run.coordinator.message, Coordinator(other).chart)
@@ -285,7 +283,7 @@ def test_run_waits_for_the_end() -> None:
 
 
 def test_an_event_for_a_run_that_is_just_beginning_is_heard() -> None:
-    with Coordination("long", facts=SIMPLE) as machine:
+    with Coordination("long", facts=AT_HOME) as machine:
         waiting, end = machine.state("waiting"), machine.final("end")
         moves = [machine.state(f"move {number}", arm("box B")) for number in range(300)]
         waiting.to(moves[0], on="go")

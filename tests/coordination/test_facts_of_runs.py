@@ -3,8 +3,11 @@
 import pytest
 from coordination.delivery_robot import (
     ARM,
+    AS_SOON_AS_LIKELY,
+    AT_HOME,
     BASE,
     BOX_B_FREE,
+    HOME,
     MOVE_ARM,
     MOVE_BASE,
     Play,
@@ -19,9 +22,7 @@ from tca_module import ExceptionHandler, Module, Task, TaskFailed, connect
 from tca_wire.coordination import read_report
 from tca_wire.journal.facts import StateChanged
 
-AS_SOON_AS_LIKELY = Discrete(0.2, utility=lambda candidate: candidate.probability)
-FACTS = {"base": "A", "arm": "home", "lid": "shut"}
-HOME = Do(MOVE_ARM, "home", ARM)
+FACTS = AT_HOME | {"lid": "shut"}
 
 
 def fork(free: Activity, *taken: Activity) -> Coordination:
@@ -39,20 +40,14 @@ def fork(free: Activity, *taken: Activity) -> Coordination:
 
 def mistaken(run: Play) -> list[str]:
     """Box B is free until early work is done; what happens from the end of the drive on."""
-    run.box_b(1.0)
-    run.begin()
-    run.central.advance(4)
-    run.box_b(0.0)
-    run.central.advance(30)
+    run.start_mistaken()
     return [line for line in run.happened() if float(line.split()[0]) > 4]
 
 
 def test_what_is_done_outlives_a_flicker() -> None:
     """A camera is wrong for a moment. The arm stays where it is, and is kept."""
     with play(fork(arm("box B", undo=HOME), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
-        run.box_b(1.0)
-        ran = run.begin()
-        run.central.advance(4)
+        ran = run.start(seconds=4)
         run.box_b(0.0)
         run.central.advance(1)
         run.box_b(1.0)
@@ -111,22 +106,14 @@ def test_nothing_is_undone_that_never_began() -> None:
 def test_what_cannot_be_restored_fails() -> None:
     ahead = arm("box B", undo=Do(MOVE_ARM, "stuck", ARM))
     with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
-        run.box_b(1.0)
-        ran = run.begin()
-        run.central.advance(4)
-        run.box_b(0.0)
-        run.central.advance(30)
+        ran = run.start_mistaken()
         with pytest.raises(TaskFailed, match="'taken 1' can't begin: 'arm' must be 'home' and is unknown"):
             ran.result(timeout=5)
 
 
 def test_early_work_lets_no_state_begin_that_would_not_begin_without() -> None:
     with play(fork(arm("box B", undo=HOME), opened(arm="box B")), AS_SOON_AS_LIKELY) as run:
-        run.box_b(1.0)
-        ran = run.begin()
-        run.central.advance(4)
-        run.box_b(0.0)
-        run.central.advance(30)
+        ran = run.start_mistaken()
         with pytest.raises(TaskFailed, match="'taken 1' can't begin: 'arm' must be 'box B' and is 'home'"):
             ran.result(timeout=5)
         assert run.happened()[-2:] == ["8 -> taken 1 (done)", "8 arm to box B: wasted"]

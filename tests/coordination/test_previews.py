@@ -6,15 +6,19 @@ from typing import Any
 import pytest
 from coordination.delivery_robot import (
     ARM,
+    AS_SOON_AS_LIKELY,
+    AT_HOME,
     BOX_B_FREE,
     FINGERS,
     GRIPPER,
+    HOME,
     MOVE_ARM,
     MOVE_BASE,
     STUCK,
     arm,
     base,
     delivery,
+    make_driving_base,
     opened,
     play,
 )
@@ -22,12 +26,10 @@ from coordination.delivery_robot import (
 from tca_coordination import Activity, Agent, Continuous, Coordination, Discrete, Do, Perceived, Policy, Prior
 from tca_module import Command, ExceptionHandler, Module, Outcome, Task, TaskFailed, connect
 
-AS_SOON_AS_LIKELY = Discrete(0.2, utility=lambda candidate: candidate.probability)
-
 
 def fork(free: Activity, taken: Activity, first: Activity | None = None) -> Coordination:
     """The base goes to B; then one activity follows if box B is free, and else the other one."""
-    with Coordination("fork", facts={"base": "A", "arm": "home"}) as machine:
+    with Coordination("fork", facts=AT_HOME) as machine:
         to_b = machine.state("to B", first or base("B"))
         if_free, if_taken = machine.state("free", free), machine.state("taken", taken)
         end = machine.final("end")
@@ -41,10 +43,7 @@ def fork(free: Activity, taken: Activity, first: Activity | None = None) -> Coor
 
 def test_the_arm_moves_while_the_base_drives() -> None:
     with play(delivery()) as run:
-        run.box_b(1.0)
-        ran = run.begin()
-        run.event("object given")
-        run.central.advance(30)
+        ran = run.start("object given", seconds=30)
         assert run.happened() == [
             "0 -> going to B (object given)",
             "0 base to B: current",
@@ -70,10 +69,7 @@ def test_the_arm_moves_while_the_base_drives() -> None:
 
 def test_without_a_policy_nothing_is_ahead() -> None:
     with play(delivery(), None) as run:
-        run.box_b(1.0)
-        ran = run.begin()
-        run.event("object given")
-        run.central.advance(30)
+        ran = run.start("object given", seconds=30)
         assert [line for line in run.happened() if line.startswith(("8 ", "11 "))] == [
             "8 base to B: done",
             "8 -> arm to box B (done [box B is free])",
@@ -87,12 +83,7 @@ def test_without_a_policy_nothing_is_ahead() -> None:
 
 def test_a_box_that_is_taken_on_the_way_replaces_what_is_ahead() -> None:
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
-        run.box_b(1.0)
-        ran = run.begin()
-        run.event("object given")
-        run.central.advance(1)
-        run.box_b(0.0)
-        run.central.advance(40)
+        ran = run.start_mistaken("object given", seconds=1, later=40)
         assert run.happened()[:13] == [
             "0 -> going to B (object given)",
             "0 base to B: current",
@@ -113,13 +104,9 @@ def test_a_box_that_is_taken_on_the_way_replaces_what_is_ahead() -> None:
 
 
 def test_what_a_state_needs_as_it_was_is_undone() -> None:
-    ahead = arm("box B", undo=Do(MOVE_ARM, "home", ARM))
+    ahead = arm("box B", undo=HOME)
     with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
-        run.box_b(1.0)
-        ran = run.begin()
-        run.central.advance(4)
-        run.box_b(0.0)
-        run.central.advance(20)
+        ran = run.start_mistaken()
         assert run.happened() == [
             "0 base to B: current",
             "0 arm to box B: ahead",
@@ -175,33 +162,21 @@ def test_each_visitor_is_greeted() -> None:
 
 
 def test_an_undo_that_fails_is_told(caplog: pytest.LogCaptureFixture) -> None:
-    robot = Module("robot")
-
-    @robot.handles(MOVE_BASE, resource="base")
-    def drive(task: Task, _: str) -> None:
-        task.sleep(8)
+    robot = make_driving_base()
 
     @robot.handles(MOVE_ARM, resource="arm")
     def move(_: Task, place: str) -> None:
         if place == "home":
             raise STUCK(0.5, "jammed")
 
-    with play(fork(arm("box B", undo=Do(MOVE_ARM, "home", ARM)), base("C")), AS_SOON_AS_LIKELY, robot) as run:
-        run.box_b(1.0)
-        ran = run.begin()
-        run.central.advance(4)
-        run.box_b(0.0)
-        run.central.advance(20)
+    with play(fork(arm("box B", undo=HOME), base("C")), AS_SOON_AS_LIKELY, robot) as run:
+        ran = run.start_mistaken()
         assert ran.result(timeout=5).wasted == 1
     assert "did not undo what was done ahead in vain" in caplog.text
 
 
 def test_others_come_before_an_early_task_in_a_queue() -> None:
-    robot, places = Module("robot"), list[str]()
-
-    @robot.handles(MOVE_BASE, resource="base")
-    def drive(task: Task, _: str) -> None:
-        task.sleep(8)
+    robot, places = make_driving_base(), list[str]()
 
     @robot.handles(MOVE_ARM, resource="arm")
     def move(_: Task, place: str) -> None:
@@ -219,9 +194,7 @@ def test_others_come_before_an_early_task_in_a_queue() -> None:
 
 def test_what_cannot_be_undone_is_not_begun() -> None:
     with play(fork(arm("box B"), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
-        run.box_b(1.0)
-        run.begin()
-        run.central.advance(20)
+        run.start(seconds=20)
         assert "8 arm to box B: current" in run.happened()
 
 
@@ -242,23 +215,16 @@ def test_a_slow_task_gets_full_speed_when_its_state_is_entered() -> None:
             speeds.append((task.time(), request.goal))
             request.accept()
 
-    ahead = arm("full speed", adapt=lambda _, share, __: f"at {share:g}", undo=Do(MOVE_ARM, "home", ARM))
+    ahead = arm("full speed", adapt=lambda _, share, __: f"at {share:g}", undo=HOME)
     policy = Continuous(0.0, 1.0, utility=lambda candidate: candidate.progress_before)
     with play(fork(ahead, opened()), policy, robot) as run:
-        run.box_b(1.0)
-        run.begin()
-        run.central.advance(20)
+        run.start(seconds=20)
     assert speeds == [(4.0, "at 0.5"), (8.0, "full speed")]
 
 
 def test_an_agent_of_two_places_weighs_its_tasks_by_rank() -> None:
-    robot = Module("robot")
+    robot = make_driving_base()
     told: list[tuple[float, str]] = []
-
-    @robot.handles(MOVE_BASE, resource="base")
-    def drive(task: Task, _: str) -> None:
-        task.sleep(8)
-
     robot.resource("arms", capacity=2)
 
     @robot.handles(MOVE_ARM, resource="arms", takes=["update"])
@@ -311,7 +277,7 @@ def test_no_function_of_a_preview_ends_a_run(caplog: pytest.LogCaptureFixture) -
     )
     for options, policy in zip(all_options, policies, strict=True):
         likelihood = wrong if policy is AS_SOON_AS_LIKELY else lambda _: 0.1 + 0.2 + 0.7 + 1e-15
-        with Coordination("fork", facts={"base": "A", "arm": "home"}) as machine:
+        with Coordination("fork", facts=AT_HOME) as machine:
             to_b, reach = machine.state("to B", base("B")), machine.state("reach", arm("box B", **options))
             to_b.to(reach, likelihood=likelihood)
             reach.to(machine.final("end"), likelihood=Prior(0.0))
@@ -331,12 +297,8 @@ def test_no_progress_of_an_early_task_ends_a_run(caplog: pytest.LogCaptureFixtur
 
     for progress in (unread, lambda _: "half way"):
         caplog.clear()
-        with play(fork(arm("box B", progress=progress, undo=Do(MOVE_ARM, "home", ARM)), base("C"))) as run:
-            run.box_b(1.0)
-            ran = run.begin()
-            run.central.advance(5.2)
-            run.box_b(0.0)
-            run.central.advance(30)
+        with play(fork(arm("box B", progress=progress, undo=HOME), base("C"))) as run:
+            ran = run.start_mistaken(seconds=5.2)
             end = ran.result(timeout=5)
             assert (end.state, end.wasted) == ("end", 1)
         told = [one.message for one in caplog.records if one.name == "tca.coordinator"]
@@ -346,20 +308,14 @@ def test_no_progress_of_an_early_task_ends_a_run(caplog: pytest.LogCaptureFixtur
 
 def test_a_progress_of_the_current_task_that_fails_ends_a_run() -> None:
     with play(fork(arm("box B", progress=lambda _: "half way"), base("C")), Discrete(2.0)) as run:
-        run.box_b(1.0)
-        ran = run.begin()
-        run.central.advance(30)
+        ran = run.start(seconds=30)
         with pytest.raises(TaskFailed, match="could not convert string to float"):
             ran.result(timeout=5)
 
 
 def test_what_undoes_early_work_may_tell_its_progress_in_its_own_way() -> None:
     unfold = Command("unfold", progress=str)
-    robot = Module("robot")
-
-    @robot.handles(MOVE_BASE, resource="base")
-    def drive(task: Task, _: str) -> None:
-        task.sleep(8)
+    robot = make_driving_base()
 
     @robot.handles(MOVE_ARM, resource="arm")
     def move(task: Task, _: str) -> None:
@@ -374,11 +330,7 @@ def test_what_undoes_early_work_may_tell_its_progress_in_its_own_way() -> None:
         task.sleep(1)
 
     with play(fork(arm("box B", undo=Do(unfold, None, ARM)), opened(arm="home")), AS_SOON_AS_LIKELY, robot) as run:
-        run.box_b(1.0)
-        ran = run.begin()
-        run.central.advance(4)
-        run.box_b(0.0)
-        run.central.advance(20)
+        ran = run.start_mistaken()
         assert ran.result(timeout=5).wasted == 1
 
 
@@ -391,9 +343,7 @@ class Odd(Policy):
 
 def test_a_failure_ahead_is_none_of_the_run() -> None:
     with play(fork(arm("stuck"), arm("home")), AS_SOON_AS_LIKELY) as run:
-        run.box_b(1.0)
-        ran = run.begin()
-        run.central.advance(20)
+        ran = run.start(seconds=20)
         assert run.happened() == [
             "0 base to B: current",
             "0 arm to stuck: ahead",
@@ -423,9 +373,7 @@ def test_an_exception_handler_lets_a_task_try_again_ahead() -> None:
         expert.central = run.central
         with expert.running():
             run.user.on_failure(STUCK, around, of=MOVE_ARM)
-            run.box_b(1.0)
-            ran = run.begin()
-            run.central.advance(20)
+            ran = run.start(seconds=20)
             assert run.happened()[2:] == [
                 "0.5 arm to stuck: failed",
                 "8 base to B: done",
@@ -438,10 +386,7 @@ def test_an_exception_handler_lets_a_task_try_again_ahead() -> None:
 
 def test_a_kill_ends_all_that_runs() -> None:
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
-        run.box_b(1.0)
-        ran = run.begin()
-        run.event("object given")
-        run.central.advance(1)
+        ran = run.start("object given", seconds=1)
         ran.kill("enough")
         run.central.until_quiet()
         assert ran.wait(timeout=5) is Outcome.KILLED
@@ -477,7 +422,7 @@ def test_the_end_of_the_module_ends_all_that_runs() -> None:
 
 
 def test_work_ahead_inside_a_compound() -> None:
-    with Coordination("tour", facts={"base": "A", "arm": "home"}) as machine:
+    with Coordination("tour", facts=AT_HOME) as machine:
         with machine.compound("fetching") as fetching:
             to_b = machine.state("to B", base("B"))
             reach = machine.state("reach", arm("shelf"))
@@ -528,7 +473,7 @@ def test_work_ahead_inside_a_compound() -> None:
 
 def test_the_likely_way_round_again() -> None:
     """A loop: what is ahead once may be ahead the next time, too."""
-    with Coordination("rounds", facts={"base": "A", "arm": "home"}) as machine:
+    with Coordination("rounds", facts=AT_HOME) as machine:
         there = machine.state("there", base("B"))
         grasp = machine.state("grasp", arm("down"))
         lift = machine.state("lift", arm("up", needs={"arm": "down"}))
