@@ -370,28 +370,27 @@ def test_what_is_being_restored_is_left_alone() -> None:
     assert restoring.refused[0] == Objection(number("arm to C"), Reason.CONFLICT, "arm", number("arm to B"))
 
 
-def test_an_activity_that_runs_may_change_what_it_needed() -> None:
-    lift = Activity(Do(MOVE_ARM, "up", ARM), needs={"arm": "home"}, makes={"arm": "up"}, undo=Do(MOVE_ARM, "home", ARM))
+def lifting(**undo: Do) -> Coordination:
+    """A machine whose second activity changes what it needs."""
+    lift = Activity(Do(MOVE_ARM, "up", ARM), needs={"arm": "home"}, makes={"arm": "up"}, **undo)
     with Coordination("lifting", facts=START) as machine:
         going = machine.state("going to B", base("B"))
-        lifting = machine.state("lifting", lift)
+        up = machine.state("lifting", lift)
         end = machine.final("end")
-        going.to(lifting)
-        lifting.to(end)
+        going.to(up)
+        up.to(end)
+    return machine
+
+
+def test_an_activity_that_runs_may_change_what_it_needed() -> None:
+    machine = lifting(undo=Do(MOVE_ARM, "home", ARM))
     assert decided("going to B", machine=machine).starts == [Start(1)]
     runs = decided("going to B", {"base": "A", "holding": True}, [EarlyWork(1)], machine=machine)
     assert (runs.stops, runs.refused) == ([], [])
 
 
 def test_an_activity_that_changes_what_it_needs_must_be_undoable() -> None:
-    lift = Activity(Do(MOVE_ARM, "up", ARM), needs={"arm": "home"}, makes={"arm": "up"})
-    with Coordination("lifting", facts=START) as machine:
-        going = machine.state("going to B", base("B"))
-        lifting = machine.state("lifting", lift)
-        end = machine.final("end")
-        going.to(lifting)
-        lifting.to(end)
-    assert decided("going to B", machine=machine).refused == [Objection(1, Reason.BRANCH, "arm", 1)]
+    assert decided("going to B", machine=lifting()).refused == [Objection(1, Reason.BRANCH, "arm", 1)]
 
 
 def test_nothing_is_built_on_what_comes_later() -> None:
