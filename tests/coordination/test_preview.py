@@ -1,6 +1,7 @@
 """A robot brings an object to box B, or to C if B is occupied: what it foresees, and what it does ahead."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import pytest
 from coordination.drawn_machines import Drawn
@@ -370,9 +371,9 @@ def test_what_is_being_restored_is_left_alone() -> None:
     assert restoring.refused[0] == Objection(number("arm to C"), Reason.CONFLICT, "arm", number("arm to B"))
 
 
-def lifting(**undo: Do) -> Coordination:
+def lifting(**options: Any) -> Coordination:
     """A machine whose second activity changes what it needs."""
-    lift = Activity(Do(MOVE_ARM, "up", ARM), needs={"arm": "home"}, makes={"arm": "up"}, **undo)
+    lift = Activity(Do(MOVE_ARM, "up", ARM), needs={"arm": "home"}, makes={"arm": "up"}, **options)
     with Coordination("lifting", facts=START) as machine:
         going = machine.state("going to B", base("B"))
         up = machine.state("lifting", lift)

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from coordination.delivery_robot import ARM, MOVE_ARM, arm, delivery, opened, play
-from coordination.test_previews import AS_SOON_AS_LIKELY, fork
+from coordination.delivery_robot import AS_SOON_AS_LIKELY, HOME, arm, delivery, opened, play
+from coordination.test_previews import fork
 from tools.runs import OPENED
 
-from tca_coordination import Coordination, Do, Policy
+from tca_coordination import Coordination, Policy
 from tca_wire.journal.facts import Entry
 from tca_wire.journal.records import record
 
@@ -27,7 +27,7 @@ def deliver(free: float, policy: Policy | None = AS_SOON_AS_LIKELY, changed: flo
 
 def undone() -> list[Entry]:
     """The arm is ahead at box B when that turns out to be taken, and has to go home first."""
-    return _taken_after(4, fork(arm("box B", undo=Do(MOVE_ARM, "home", ARM)), opened(arm="home")))
+    return _taken_after(4, fork(arm("box B", undo=HOME), opened(arm="home")))
 
 
 def too_late() -> list[Entry]:

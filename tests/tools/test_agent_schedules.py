@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from coordination.test_previews import AS_SOON_AS_LIKELY
+from coordination.delivery_robot import AS_SOON_AS_LIKELY
 from tools.deliveries import deliver, figure_7, held_up, killed, too_late, undone, written
 
 from tca_coordination import Discrete
