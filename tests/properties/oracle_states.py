@@ -30,6 +30,7 @@ class Followed:
         self.open: list[tuple[Transition, int, bytes]] = []  #: what clients want, and the handler was told, by number
         self.newest_of_client = 0
         self.delivery = 0
+        self.deciding = 0  #: the exception handler that deals with the failure of its handler
         self.is_given = False
         self.reached = 0
         self.is_killed = self.is_over = self.has_failed = self.is_retried = False
@@ -182,10 +183,8 @@ class Reference:
             match fact:
                 case facts.Returned():
                     returned |= {number for number, task in self.tasks.items() if task.delivery == fact.id}
-                case facts.Recovered() | facts.Unhandled():
-                    if fact.task in self.tasks and self.tasks[fact.task].has_failed:  # else its handler goes on
-                        returned.add(fact.task)
-                    self.failed(fact.task, False)
+                case facts.Caught() | facts.Recovered() | facts.Unhandled() if fact.task in self.tasks:
+                    self.searched(self.tasks[fact.task], fact, returned)
                 case facts.StateChanged() if fact.by is Party.CENTRAL and fact.task in returned:
                     self.decided_instead(self.tasks[fact.task], fact)
                 case facts.HandlerAdded() if fact.accepts:
@@ -197,8 +196,8 @@ class Reference:
                     self.given(fact)
                 case facts.Unqueued():
                     self.taken_back(fact.id)
-                case facts.Failed() if not fact.is_beside:
-                    self.failed(fact.id, True)
+                case facts.Failed() if not fact.is_beside and fact.id in self.tasks:
+                    self.tasks[fact.id].has_failed = True
                 case facts.Retried() | facts.Killed() | facts.Reached() if fact.task in self.tasks:
                     self.goes_on(self.tasks[fact.task], fact)
         for task in (self.tasks[number] for number in returned if number in self.tasks):
@@ -239,10 +238,14 @@ class Reference:
         if task.state != task.cycle.initial and not is_to_end:
             task.take("restarted", task.cycle.initial)
 
-    def failed(self, number: int, has_failed: bool) -> None:
-        """Somebody has to deal with the failure of a task, or has."""
-        if number in self.tasks:
-            self.tasks[number].has_failed = has_failed
+    @staticmethod
+    def searched(task: Followed, fact: facts.Caught | facts.Recovered | facts.Unhandled, returned: set[int]) -> None:
+        """A search for an exception handler goes on, or ends: of a failure beside its handler a task does not return."""
+        if isinstance(fact, facts.Caught):
+            task.deciding = task.deciding if fact.is_beside else fact.handler
+        elif task.has_failed and (isinstance(fact, facts.Unhandled) or fact.handler == task.deciding):
+            task.has_failed = False
+            returned.add(fact.task)
 
     def decided_instead(self, task: Followed, fact: facts.StateChanged) -> None:
         """The handler has returned without a word to what a client wants: central says it."""
