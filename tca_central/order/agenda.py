@@ -288,6 +288,7 @@ class Agenda(Stored):
         """The wiretaps before a task went on have been fired; their listeners may hold it."""
         task.more.is_tapped = False
         self.look_at.append(task)
+        self._look_above(task)
 
     def _may_start(self, task: Task) -> bool:
         if task.suspended or (task.retrying and not task.may_be_handled_again):

@@ -13,7 +13,7 @@ from properties.oracle import Oracle
 
 from tca_central.events import Effect, Tick
 from tca_wire.constraints import Flags
-from tca_wire.journal.facts import Failed, Received
+from tca_wire.journal.facts import Failed, Killed, Received
 from tca_wire.messages.failures import LOCK_LOST
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, WatchOptions
@@ -188,6 +188,35 @@ def test_a_monitor_held_anew_dies_if_all_else_has_ended() -> None:
     anew = before(point(move, Moment.END_ACHIEVING), point(child, Moment.START_ACHIEVING))
     player.receive("user", headers.Constrain(player.number("user"), [anew]))
     assert child not in player.central.tree.tasks
+
+
+@pytest.mark.parametrize("is_parent_first", [False, True])
+def test_a_checked_retried_monitor_dies_if_all_else_has_ended(is_parent_first: bool) -> None:
+    player = JudgedLife().player
+    walk = player.task("user", "walk")
+    guard = TaskId(player.task("user", "guard", watch=WatchOptions(), under=walk))
+    set_up = player.central.tree.newest
+    tap = headers.Tap(player.number("user"), Condition.BEFORE_HANDLING, "lift", "guard")
+    player.receive("user", tap, msgspec.msgpack.encode(7))
+    if is_parent_first:
+        player.reply("planner1/1", walk)
+    player.receive("user", headers.Retry(player.number("user"), guard))
+    player.reply("legs2/1", set_up)
+    if not is_parent_first:
+        assert guard not in [fact.task for fact in player.facts(Killed)]
+        player.reply("planner1/1", walk)
+    assert guard in [fact.task for fact in player.facts(Killed)]
+
+
+def test_timers_due_at_once_ring_in_the_order_they_were_set() -> None:
+    player = JudgedLife().player
+    busy, _, first, _ = [player.task("user", "move", flags=Flags.NONE, priority=urgent) for urgent in (0, 0, 0, 1)]
+    watch = WatchOptions(period=10, initial_wait=True, duration=5, waited_for=True)
+    player.receive("user", headers.Tap(player.number("user"), Condition.BEFORE_HANDLING, "watch", "move", watch=watch))
+    player.reply("legs2/1", busy)
+    assert not player.delivered("legs2/1")
+    player.tick(6)
+    assert player.delivered("legs2/1") == [first]
 
 
 def test_a_lost_lock_is_told_of_after_the_wiretaps_of_the_return() -> None:

@@ -268,4 +268,5 @@ def end_what_is_to_end(world: World) -> bool:
 def _would_wait(world: World, node: Node) -> bool:
     """Whether a monitor has yet to begin and can't, for others."""
     is_to_begin = not node.killed and (node.again or SH not in node.past)
-    return is_to_begin and (node.suspended or any(held == node.id for held, _ in oracle_rules.held_points(world)))
+    is_held = oracle_rules.is_checked(node) or any(held == node.id for held, _ in oracle_rules.held_points(world))
+    return is_to_begin and (node.suspended or is_held)

@@ -174,10 +174,12 @@ def set_alarm(world: World, seconds: float, node: Node, **what: Any) -> None:
 
 
 def let_time_pass(world: World, settle: Callable[[], None]) -> None:
-    """All that is due by now happens, in its order, each settled before the next."""
+    """All that is due by now happens, in its order, each settled before the next; of those due at the same time, the one
+    set first is first.
+    """
     while (due := _next_due(world)) <= world.time:
         world.due_by = due
-        for alarm in [alarm for alarm in world.alarms if alarm.due <= due]:
+        for alarm in [alarm for alarm in world.alarms if alarm.due <= due][:1]:
             world.alarms.remove(alarm)
             if alarm.ending is not None:
                 oracle_failures.kill_scope(world, alarm.ending)
@@ -238,6 +240,11 @@ def _may_reach(node: Node, moment: Moment, held: set[tuple[int, Moment]], childr
     return moment != EA or not children
 
 
+def is_checked(node: Node) -> bool:
+    """Whether it is to be handled once more, and what is sent before that has not been handled."""
+    return any(EH not in check.past for check in node.checks)
+
+
 def _is_ready(world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
     if not node.wanted or node.killed or node.suspended:
         return False
@@ -245,7 +252,7 @@ def _is_ready(world: World, node: Node, held: set[tuple[int, Moment]], children:
         node.slot or node.asking & set(world.nodes.values()) or not all(child.is_guest for child in children)
     ):
         return False
-    if any(EH not in check.past for check in node.checks):
+    if is_checked(node):
         return False
     firsts = [SP, SA] if node.delayed else [node.first]
     return all(_may_reach(node, moment, held, children) for moment in firsts)
