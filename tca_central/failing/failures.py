@@ -185,8 +185,8 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
     """
     undecided = next(task.recoveries(), None)
     if undecided is not None and NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)):
-        is_left_behind = any(one.retrying for one in undecided.context.failing.lineage())
-        undecided = undecided if is_left_behind else None
+        above = undecided.context.failing.lineage()
+        undecided = undecided if any(_leaves_behind(one, task) for one in above) else None
     central.facts.append(facts.Unhandled(TaskId(task.id), TaskId(undecided.id) if undecided else ROOT))
     verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=TaskId(task.id))
     if undecided is None:
@@ -202,6 +202,12 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
     reason = f"{failure.name}{where}: {failure.text.partition(NEWLINE)[0]}".removesuffix(": ")
     trouble.failure = _with_undecided(trouble.failure, undecided, f"could not decide: {reason[:LONGEST_REASON]}")
     return undecided
+
+
+def _leaves_behind(above: Task, task: Task) -> bool:
+    """Whether a task above is to be handled again, and not for an exception handler that a failing task is part of."""
+    askers = above.rare.retry_askers if above.rare is not None else {}
+    return above.retrying and askers.keys().isdisjoint(task.recoveries())
 
 
 def _with_undecided(first: RaisedFailure, undecided: Task, what: str) -> RaisedFailure:

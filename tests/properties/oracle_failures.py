@@ -129,11 +129,12 @@ def _search(world: World, node: Node, names: tuple[str, ...], after: Trouble | N
             handler = oracle_rules.make(world, attachment.handler, Role.EXCEPTION, node, node)
             handler.failing = Trouble(node, names, at, attachment, passed)
             return handler
-    is_left_behind = around and around.failing and any(above.again for above in around.failing.node.lineage())
+    lineage = node.lineage()
+    outer = around.failing.node.lineage() if around and around.failing else []
+    is_left_behind = any(one.again and one.asking.isdisjoint(lineage) for one in outer)
     if around and (is_left_behind or set(names) & FAILED_OTHERWISE):
         _pass_over(world, around)
         return None
-    lineage = node.lineage()
     kill(world, lineage[-1])
     for above in reversed(lineage):
         if above.role is Role.EXCEPTION:
