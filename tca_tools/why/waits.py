@@ -178,9 +178,9 @@ def _under(run: Run, children: Sequence[TaskId], moment: int, time: float | None
 
 
 def _is_kept(run: Run, monitor: Task, time: float | None) -> bool:
-    """Whether a constraint keeps a monitor from its end."""
+    """Whether a constraint keeps a monitor from its end; what comes before it is handled once more does not."""
     waits = (wait for hold in monitor.holds for wait in _of_constraint(run, monitor, hold, _killed(monitor)))
-    kept = (wait for wait in waits if wait.holds & _ENDS and wait.kind is not WaitKind.DELAY)
+    kept = (wait for wait in waits if wait.holds in (END_HANDLING, END_ACHIEVING) and wait.kind is not WaitKind.DELAY)
     return any(time is None or wait.start <= time < wait.end for wait in kept)
 
 
@@ -198,7 +198,8 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
             end = min(parent.time_of(moment), task.time_of(moment), killed)
             found.append(Wait(task.received, end, WaitKind.PARENT, Node(parent.id, moment), moment))
     found += [_of_suspension(task, suspension) for suspension in task.suspensions]
-    found += [wait for retry in task.retries for wait in of_retry(run, task, retry, killed, _under)]
+    again = [wait for retry in reversed(task.retries) for wait in of_retry(run, task, retry, killed, _under)]
+    found += {(wait.on, wait.end): wait for wait in again}.values()  # retried twice before it is handled, it waits once
     if task.caught_by or task.is_recovering or task.changes:
         found += _of_recovery(run, task)
     if task.message_class.is_monitor:

@@ -2,6 +2,8 @@
 monitors neither names what keeps nobody as a cause, and both name the same one first.
 """
 
+from collections.abc import Iterator
+
 import pytest
 from central.test_oracle import NO_SMALLER_SEED
 from hypothesis import example, given, settings
@@ -11,16 +13,16 @@ from properties.life import Life
 
 from tca_central.core import Central
 from tca_central.model.task_tree import Task
-from tca_central.needs.graph import Node, needs
+from tca_central.needs.graph import Group, Node, needs
 from tca_central.needs.waits import Ends as CentralEnds
 from tca_central.needs.waits import next_of, waits_of
-from tca_central.order.cycles import Place
+from tca_central.order.cycles import Place, predecessors
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import TaskState
 from tca_tools.why.ends import Ends
 from tca_tools.why.wait_words import told
 from tca_tools.why.waits import next_node, waits_now
-from tca_wire.points import END_ACHIEVING, END_HANDLING, ROOT, START_HANDLING
+from tca_wire.points import END_ACHIEVING, END_HANDLING, ROOT, STARTS
 from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitFor, WaitKind
 
@@ -58,11 +60,10 @@ class AskedPlayer(FoldedPlayer):
 
     def assert_causes(self, task: Task, named: set[int]) -> None:
         """None of those named is a monitor under the task that keeps nobody, nor the query that one asks. One that is
-        kept from beginning may keep what others have put under it: while it is suspended only the tools say how.
+        kept from beginning may keep what others have put under it.
         """
         living = self.central.tree.tasks
         idle = [one for one in living.values() if keeps_nobody(living, one) and one is not task and one.above(task.id)]
-        idle = [one for one in idle if one.reached & START_HANDLING or not one.suspended]
         self.spared += bool(idle)
         asked = [one.more.watch.condition for one in idle if one.more.watch.condition is not None]
         wrong = named & {one.id for one in (*idle, *asked)}
@@ -71,14 +72,25 @@ class AskedPlayer(FoldedPlayer):
     def awaited(self, task: Task) -> set[int]:
         """All that a task waits for, by way of whatever, if no monitor that keeps nobody keeps its parent."""
         way: list[Node] = [next_of(task)]
+        if RunAt(self.history).tasks[task.id].state is TaskState.RECOVERING:
+            way.append(Place(task, END_ACHIEVING))  # it is decided on, perhaps before it is handled
         seen = set(way)
         for node in way:  # grows while it is walked
-            for one in (one for group in needs(self.central, node) for one in group or () if one not in seen):
+            for one in (one for group in self.groups(node) for one in group or () if one not in seen):
                 if not (isinstance(node, Place) and isinstance(one, Place) and self.is_spared(node, one)):
                     way.append(one)
                     seen.add(one)
         found = (node.task if isinstance(node, Place) else getattr(node, "delivery", None) for node in way)
         return {one.message_id for one in found if one is not None}
+
+    def groups(self, node: Node) -> Iterator[Group | None]:
+        """What a node needs. What is suspended waits beside that for all that comes before it begins, and what is
+        retried for the monitors under it that a constraint names: both only the tools say.
+        """
+        yield from needs(self.central, node)
+        if isinstance(node, Place) and (node.task.retrying or (node.task.suspended and node.moment & STARTS)):
+            before = predecessors(self.central.tree, node) if not node.task.killed else ()
+            yield from ([one] for one in before if not one.task.reached & one.moment)
 
     def is_spared(self, node: Place, other: Place) -> bool:
         """Whether it would be for a monitor that keeps nobody to end, without a constraint."""
@@ -128,6 +140,11 @@ def live(seed: int) -> AskedPlayer:
 
 @example(2_346_655_264)  # a constraint by the parent
 @example(35_054_018)  # a monitor of others was killed before the retry
+@example(298_566_280)  # a retried monitor waits for a listener before it is handled again
+@example(2_953_828_283)  # a constraint by a monitor under a retried task
+@example(4_106_698_539)  # a suspended task that has not begun is decided on
+@example(1_065_174_457)  # retried three times, it waits once for what is under it
+@example(4_026_247_230)  # a suspended task waits beside that for its parent, a monitor, to begin
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=10, phases=NO_SMALLER_SEED)
 def test_both_name_the_same_cause_and_never_what_keeps_nobody(seed: int) -> None:
