@@ -176,7 +176,8 @@ def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]
 def _safe_moves(ground: ElevationMap, stance: Stance, places: Iterable[Foot]) -> Iterator[LegMove]:
     """For each of these places where its foot is not, the move there, if it can be made."""
     for place in places:
-        if _distance(stance.feet[place.leg], place) > IN_PLACE:
+        foot = stance.feet[place.leg]
+        if math.hypot(foot.x - place.x, foot.y - place.y) > IN_PLACE:
             with contextlib.suppress(OutOfReach, PathBlocked):
                 move = _move_to(ground, stance, place)
                 if is_stable(margins_of_leg_move(stance, move)):
@@ -205,7 +206,3 @@ def _way(ground: ElevationMap, stance: Stance, foothold: Foot, sense: int) -> Le
         with contextlib.suppress(PathBlocked):
             return plan_swing(ground, stance, foothold, sense, radius)
     raise PathBlocked(f"leg {foothold.leg} finds no way to x {foothold.x:.2f}, y {foothold.y:.2f}")
-
-
-def _distance(one: Foot, other: Foot) -> float:
-    return math.hypot(one.x - other.x, one.y - other.y)
