@@ -132,16 +132,22 @@ def test_a_monitor_over_as_it_begins_holds_what_listens(is_ended: bool) -> None:
     assert [child.message.name for child in children.values()] == ["lift", "guard"]
 
 
-def test_a_goal_is_planned_when_its_handlers_are_heard() -> None:
+def with_two_handlers(module: str, message: str) -> tuple[JudgedPlayer, TaskId]:
+    """A task of which *module* has the handler, and whose failures *recover* hears first, then *report*."""
     player = JudgedPlayer()
-    player.module("planner", "goal walk")
+    player.module(module, message)
     player.module("expert", "exception handler recover", "exception handler report")
     player.module("user")
-    player.declare("user", "goal walk")
+    player.declare("user", message)
+    name = message.split()[-1]
     for handler in ("report", "recover"):
-        player.receive("user", headers.Attach(player.number("user"), Attachment("", handler), message="walk"))
-    task = player.task("user", "walk")
-    player.receive("user", headers.Raise(player.number("user"), TaskId(task), "slipped"))
+        player.receive("user", headers.Attach(player.number("user"), Attachment("", handler), message=name))
+    return player, TaskId(player.task("user", name))
+
+
+def test_a_goal_is_planned_when_its_handlers_are_heard() -> None:
+    player, task = with_two_handlers("planner", "goal walk")
+    player.receive("user", headers.Raise(player.number("user"), task, "slipped"))
     player.reply("planner/1", task)
     player.reply("expert/1")
     assert player.delivered("expert/1") == [player.central.tree.newest]
@@ -149,14 +155,7 @@ def test_a_goal_is_planned_when_its_handlers_are_heard() -> None:
 
 
 def test_a_retry_waits_until_exception_handlers_are_heard() -> None:
-    player = JudgedPlayer()
-    player.module("legs", "command move")
-    player.module("expert", "exception handler recover", "exception handler report")
-    player.module("user")
-    player.declare("user", "command move")
-    for handler in ("report", "recover"):
-        player.receive("user", headers.Attach(player.number("user"), Attachment("", handler), message="move"))
-    task = TaskId(player.task("user", "move"))
+    player, task = with_two_handlers("legs", "command move")
     player.receive("user", headers.Retry(player.number("user"), task))
     player.receive("user", headers.Raise(player.number("user"), task, "slipped"))
     player.reply("legs/1")
