@@ -139,7 +139,7 @@ def with_two_handlers(module: str, message: str) -> tuple[JudgedPlayer, TaskId]:
     player.module("expert", "exception handler recover", "exception handler report")
     player.module("user")
     player.declare("user", message)
-    name = message.split()[-1]
+    name = message.rsplit(maxsplit=1)[-1]
     for handler in ("report", "recover"):
         player.receive("user", headers.Attach(player.number("user"), Attachment("", handler), message=name))
     return player, TaskId(player.task("user", name))
