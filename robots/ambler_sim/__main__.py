@@ -15,7 +15,7 @@ from pathlib import Path
 
 import msgspec
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskID, TimeElapsedColumn
 
 from robots.ambler_sim import layers
 from robots.ambler_sim.machine.making import BACKENDS, WITHOUT_PHYSICS, pybullet_is_installed, why_no_window
@@ -155,7 +155,7 @@ class Walk:
         """Be the task manager: send the goal and watch it being achieved."""
         columns = ("[bold]{task.description}", BarColumn(), "{task.completed:4.1f} of {task.total:.1f} m")
         killer = ProgramKiller(processes, address)
-        with killer, Progress(*map(_column, columns), TimeElapsedColumn(), console=console) as progress:
+        with killer, Progress(*columns, TimeElapsedColumn(), console=console) as progress:
             bar = progress.add_task("walking", total=self.options.metres)
             module = task_manager.make_module(
                 lambda metres: self.show(metres, progress, bar),
@@ -249,10 +249,6 @@ def _watch(
 
 def _warn(words: str) -> None:
     console.print(words, style="yellow")
-
-
-def _column(part: object) -> BarColumn | TextColumn:
-    return TextColumn(part) if isinstance(part, str) else part  # type: ignore[return-value]
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -16,6 +16,7 @@ from tca_wire.text.measures import duration, from_to, run_time
 from tca_wire.text.printable import first_line
 from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.vocabulary import Outcome
+from tca_wire.waits import WaitKind
 
 _LONGEST_DATA = 80
 """Columns of data that stand for words."""
@@ -105,8 +106,9 @@ def claimed(run: Run, claim: Claim) -> str:
 
 def awaited_name(run: Run, wait: HandlerWait) -> str:
     """The name of what is waited for: of a message, or what kind of claim it is."""
-    claim = run.claims.get(wait.awaited)
-    if claim is None:
+    if not wait.awaited:
+        return "handlers to come" if wait.kind is WaitKind.PRESENCE else "changes of tasks"
+    if (claim := run.claims.get(wait.awaited)) is None:
         return run.name(wait.awaited)
     return "reservation" if claim.is_reserved else "lock"
 

@@ -18,8 +18,9 @@ from tca_tools.gantt.window import ALL, Pick
 from tca_tools.run.fold import History
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
-from tca_wire.points import Moment, TaskId
+from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.waits import WaitKind
 
 Tca = Callable[..., Result]
 Expect = Callable[[str, str], None]
@@ -311,6 +312,14 @@ def test_a_lock_that_somebody_still_has_and_a_monitor_that_watches_are_just_ther
     assert 25.0 < chart(now_of(story)).end < 26.0
     story.at(40.0).say(facts.ClaimEnded(90, "released"))
     assert 40.0 < chart(now_of(story)).end < 41.0
+
+
+@pytest.mark.parametrize(("kind", "name"), [("presence", "handlers to come"), ("change", "changes of tasks")])
+def test_a_wait_for_no_certain_task_has_a_name(kind: str, name: str) -> None:
+    story = Story().module("legs", "move").module("user").at(1.0)
+    what = (0, WaitKind(kind), "move")
+    story.say(facts.WaitBegan("user", 0, ROOT, *what)).at(3.0).say(facts.WaitEnded("user", 0, ROOT, *what))
+    assert [bar.name for bar in row_of(story, "user").handled] == [name]
 
 
 def test_the_story_of_a_task_goes_from_its_birth_to_its_end_though_others_go_on(tmp_path: Path, tca: Tca) -> None:
