@@ -30,7 +30,7 @@ check: lint
 	$(BIN)/python -m pytest $(AT_ONCE) --cov --cov-report=term:skip-covered
 
 bench: $(READY)
-	$(BIN)/python -m tca_bench
+	$(BIN)/python -m dev.benchmarks.messages
 
 soak: $(READY)
 	$(BIN)/python -m pytest -m "" --new-lives $(IN_PAIRS)
@@ -42,8 +42,8 @@ compiled: $(READY)
 	PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/build/compiled:$(CURDIR) $(BIN)/pytest $(AT_ONCE) \
 		-o "pythonpath=build/compiled ." tests/central tests/properties tests/module tests/integration
 
-$(READY): setup.cfg pyproject.toml scripts/setup.sh
-	PYTHON=$(PYTHON) scripts/setup.sh
+$(READY): setup.cfg pyproject.toml dev/scripts/setup.sh
+	PYTHON=$(PYTHON) dev/scripts/setup.sh
 	touch $@
 
 clean:

@@ -3,8 +3,8 @@
 ``tca explore examples/07_explore.py`` says the same.
 """
 
-from tca_explorer import Scenario, Script, Task, achieved, before, begun, explore, never_stuck, report
 from tca_module import Command, Goal
+from tca_tools.explore import Scenario, Script, Task, achieved, before, begun, explore, never_stuck, report
 
 FETCH, DRIVE, GRASP = Goal("fetch"), Command("drive"), Command("grasp")
 

@@ -3,8 +3,8 @@
 ``tca explore examples/19_explore_recovery.py`` says the same. ``legs`` and ``expert`` are modules that could be run.
 """
 
-from tca_explorer import Scenario, Script, at_most_in_all, explore, failed, never, never_stuck, report, retried
 from tca_module import Command, ExceptionHandler, Failure, Module, Task
+from tca_tools.explore import Scenario, Script, at_most_in_all, explore, failed, never, never_stuck, report, retried
 
 LIFT, COLLISION = Command("lift leg", int), Failure("collision", int)
 HIGHER: ExceptionHandler[int | None] = ExceptionHandler("lift it higher", int | None)

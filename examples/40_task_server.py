@@ -10,7 +10,16 @@
     Heat {4}: timeout: it ran for 0.1 s: ...
 """
 
-from tca_missions import Environment, Mission, MissionTaskFailed, OnceTask, PeriodicTask, Status, TaskServer, parameter
+from tca_behaviours.missions import (
+    Environment,
+    Mission,
+    MissionTaskFailed,
+    OnceTask,
+    PeriodicTask,
+    Status,
+    TaskServer,
+    parameter,
+)
 
 
 class Oven(Environment):

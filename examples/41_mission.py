@@ -9,7 +9,7 @@
     it rains
 """
 
-from tca_missions import (
+from tca_behaviours.missions import (
     ConditionIsCompleted,
     ConditionVerified,
     Environment,

@@ -11,8 +11,8 @@ The machine is a task: ``tca view`` draws it, with the states that are active; s
     an intruder: lights on
 """
 
-from tca_missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, parameter
-from tca_missions.charts import Sequence
+from tca_behaviours.missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, parameter
+from tca_behaviours.missions.charts import Sequence
 
 
 class Cart(Environment):

@@ -1,6 +1,15 @@
 """A coordinator looks ahead: the arm moves while the base still drives, to the box that is likely to be free."""
 
-from tca_coordination import Activity, Agent, Coordination, Coordinator, Discrete, Do, Perceived, progress_only
+from tca_behaviours.coordination import (
+    Activity,
+    Agent,
+    Coordination,
+    Coordinator,
+    Discrete,
+    Do,
+    Perceived,
+    progress_only,
+)
 from tca_module import Command, Module, Task, Variable
 
 MOVE_BASE, MOVE_ARM = Command("move base", str, progress=float), Command("move arm", str, progress=float)

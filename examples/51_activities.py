@@ -14,8 +14,8 @@
 
 import threading
 
-from tca_activities import Application, automatic
-from tca_activities.components import Component
+from tca_behaviours.activities import Application, automatic
+from tca_behaviours.activities.components import Component
 
 
 class Robot(Component[list[str]]):

@@ -5,7 +5,16 @@ Start ``tca central``; then this file with ``robot``, with ``coordinator`` and w
 
 import sys
 
-from tca_coordination import COORDINATION_EVENT, Activity, Agent, Coordination, Coordinator, Discrete, Do, MachineEvent
+from tca_behaviours.coordination import (
+    COORDINATION_EVENT,
+    Activity,
+    Agent,
+    Coordination,
+    Coordinator,
+    Discrete,
+    Do,
+    MachineEvent,
+)
 from tca_module import Command, Module, Task, connect
 
 HEAT, LAY = Command("heat", str, progress=float), Command("lay", str)

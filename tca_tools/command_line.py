@@ -25,7 +25,6 @@ COMMANDS = "tca.commands"
 _GROUPS = {
     "Run": (
         "central", "run", "keys", "status", "top", "modules", "messages", "variables", "attached", "activities",
-        "bench",
     ),
     "Send and steer": (
         "send", "query", "get", "set", "update", "cancel", "watch", "kill", "suspend", "resume", "retry", "raise",

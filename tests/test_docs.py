@@ -43,8 +43,8 @@ QUOTES = {
     "user.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)": "09_monitors_and_taps",
     "task.monitor(CUP_GONE": "10_cups",
     "monitor = watcher.under": "36_watch_a_running_task",
-    'from tca_missions.charts import Sequence\n\nwith Sequence("patrol")': "45_state_machine",
-    "from tca_missions import Environment, Mission, MissionTaskFailed, OnceTask": "40_task_server",
+    'from tca_behaviours.missions.charts import Sequence\n\nwith Sequence("patrol")': "45_state_machine",
+    "from tca_behaviours.missions import (\n    Environment,\n    Mission,": "40_task_server",
     'with Coordination("deliver", facts={"base": "A", "arm": "home"})': "50_preview",
     '@robot.handles(MOVE_BASE, resource="base")': "50_preview",
     "coordinator = Coordinator(deliver, policy=": "50_preview",
@@ -99,19 +99,19 @@ module = Module("any")
 """
 
 EXPLORER = """
-from tca_explorer import *
+from tca_tools.explore import *
 from tca_module import Command, Failure, Goal
 from tca_wire.points import Moment
 """
 
 MACHINES = """
-from tca_missions import Mission
-from tca_missions.charts import Concurrence, Sequence, StateMachine
+from tca_behaviours.missions import Mission
+from tca_behaviours.missions.charts import Concurrence, Sequence, StateMachine
 patrol: StateMachine = Sequence("any")
 """
 
 SERVERS = """
-from tca_missions import *
+from tca_behaviours.missions import *
 from tca_module import *
 from tca_module.testing import LocalCentral
 PLACE = Inform("place", float)
@@ -136,9 +136,9 @@ watching = user.command(WATCH, 0.0)
 ACTIVITIES = """
 from dataclasses import dataclass
 from typing import Any
-from tca_activities import *
-from tca_activities.components import Component
-from tca_activities.manager import *
+from tca_behaviours.activities import *
+from tca_behaviours.activities.components import Component
+from tca_behaviours.activities.manager import *
 from tca_module import *
 application, user = Application("any"), connect()
 joint: Any = None
@@ -146,7 +146,7 @@ joint: Any = None
 
 MISSIONS = """
 from typing import Any
-from tca_missions import *
+from tca_behaviours.missions import *
 from tca_module import Timeout
 cart: Any = None
 mission: Mission = Mission("cart")
@@ -154,7 +154,7 @@ mission: Mission = Mission("cart")
 
 COORDINATION = """
 from pathlib import Path
-from tca_coordination import *
+from tca_behaviours.coordination import *
 from tca_module import Command, Variable
 MOVE_BASE, BOX_B_FREE, base = Command("a", str), Variable("b", float), Agent("base")
 """

@@ -8,7 +8,7 @@ from random import Random
 
 import pytest
 
-from fuzz.targets import TARGETS
+from dev.fuzz.targets import TARGETS
 
 ROOT = Path(__file__).parents[1]
 INPUTS = {
@@ -50,7 +50,16 @@ def test_no_bytes_that_a_fuzzer_finds_are(name: str, tmp_path: Path) -> None:
     pytest.importorskip(
         "atheris", reason="atheris has wheels for Linux on x86-64 only: pip install 'tca-central[fuzz]'"
     )
-    command = [sys.executable, "-m", "fuzz", name, "--seconds", str(SECONDS.get(name, 60)), "--faults", str(tmp_path)]
+    command = [
+        sys.executable,
+        "-m",
+        "dev.fuzz",
+        name,
+        "--seconds",
+        str(SECONDS.get(name, 60)),
+        "--faults",
+        str(tmp_path),
+    ]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-4000:]
     runs, reached = re.findall(r"#(\d+)\s+DONE\s+cov: (\d+)", done.stderr)[0]

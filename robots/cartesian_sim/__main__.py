@@ -13,9 +13,9 @@ from pathlib import Path
 from robots.cartesian_sim.messages import CLEAN, ENABLE, MOVE_TO, REFERENCE, SET_SPEED, WallPoint
 from robots.cartesian_sim.robot import NAME, CleaningRobot
 from robots.show import central, parser_of, save_picture, shown
-from tca_activities import Application
-from tca_activities.manager import ActivityMove, ApplicationMessages
-from tca_activities.page.command import activities
+from tca_behaviours.activities import Application
+from tca_behaviours.activities.manager import ActivityMove, ApplicationMessages
+from tca_behaviours.activities.page.command import activities
 from tca_module import Client, SentTask, TcaError, connect
 from tca_wire.text.measures import duration
 

@@ -5,8 +5,8 @@ from contextlib import suppress
 from threading import Event
 from typing import Any
 
-from tca_activities import Application
-from tca_activities.components import Component, connect
+from tca_behaviours.activities import Application
+from tca_behaviours.activities.components import Component, connect
 from robots.cartesian_sim.device import Device
 from robots.cartesian_sim.guide import Guide
 from robots.cartesian_sim.joint import Joint

@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from tca_activities.components import Component
+from tca_behaviours.activities.components import Component
 from robots.cartesian_sim.mechanism import Sensed
 from robots.cartesian_sim.mechanism import Scene
 from robots.cartesian_sim.messages import WallPoint

@@ -14,8 +14,8 @@ from robots.cartesian_sim.messages import (
 )  # fmt: skip
 from robots.cartesian_sim.operator import Operator
 from robots.cartesian_sim.picture import HEIGHT, WIDTH, draw
-from tca_activities import Application
-from tca_activities.manager import Control, ControlField, Manager
+from tca_behaviours.activities import Application
+from tca_behaviours.activities.manager import Control, ControlField, Manager
 from tca_module import Module
 from tca_module.link.opening import CentralAddress
 

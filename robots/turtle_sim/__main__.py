@@ -21,7 +21,7 @@ from robots.turtle_sim.missions.too_far import too_far
 from robots.turtle_sim.simulator import Simulator
 from robots.turtle_sim.sync.team import free_team, save_team
 from robots.turtle_sim.world import CENTRE, Pen, Pose, TurtleWorld
-from tca_missions import ConditionVerified, Mission
+from tca_behaviours.missions import ConditionVerified, Mission
 from tca_module.link.opening import CentralAddress
 
 ENOUGH = 15.0

@@ -5,7 +5,7 @@ import threading
 from robots.turtle_sim.errors import TurtleError
 from robots.turtle_sim.messages import CHANGE_PEN, CLEAR_SHEET, POSE, VELOCITY, Velocity
 from robots.turtle_sim.world import Pen, Pose
-from tca_missions import Environment
+from tca_behaviours.missions import Environment
 from tca_module import Module, Sender, Task
 
 PATIENCE = 10.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import hypot, remainder, tau
 
 from robots.turtle_sim.environment import TurtleEnvironment
-from tca_missions import OnceTask, PeriodicTask, Status, parameter
+from tca_behaviours.missions import OnceTask, PeriodicTask, Status, parameter
 from tca_module import Goal, Inform
 
 

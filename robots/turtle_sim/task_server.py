@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from robots.turtle_sim.environment import TurtleEnvironment
-from tca_missions import TaskServer
+from tca_behaviours.missions import TaskServer
 
 TASKS = Path(__file__).parent / "tasks"
 

@@ -8,8 +8,8 @@ from robots.show import parser_of, save_picture, shown
 from robots.youbot_sim.robot import Physics
 from robots.youbot_sim.seeds import HEAD, box_of, compare, row, summary
 from robots.youbot_sim.show import SCHEDULES, DeliveryShow, ShownDelivery
-from tca_tools.run.fold import folded
-from tca_tools.run.journals import open_log
+from tca_tools.journal.fold import folded
+from tca_tools.journal.journals import open_log
 from tca_tools.schedule.build import AgentSchedule, schedules
 from tca_tools.schedule.svg import svg_text
 

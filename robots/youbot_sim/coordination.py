@@ -1,8 +1,8 @@
 """The coordinator of the delivery."""
 
 from robots.youbot_sim.delivery import make_delivery
-from tca_coordination import Coordinator
-from tca_coordination.preview.policy import Candidate, Discrete
+from tca_behaviours.coordination import Coordinator
+from tca_behaviours.coordination.preview.policy import Candidate, Discrete
 from tca_module import Module
 
 THRESHOLD = 0.5

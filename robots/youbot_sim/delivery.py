@@ -7,7 +7,7 @@ back with a folded arm only.
 
 from robots.youbot_sim.messages import BOX_B_FREE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER
 from robots.youbot_sim.vocabulary import Move
-from tca_coordination import Activity, Agent, Coordination, Do, Fact, Perceived
+from tca_behaviours.coordination import Activity, Agent, Coordination, Do, Fact, Perceived
 
 GIVEN, ENOUGH = "object given", "enough"
 """The events that a user posts."""

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from robots.youbot_sim.delivery import GIVEN, WAITING
-from tca_tools.run.coordinators import coordinators, worked
-from tca_tools.run.fold import History
+from tca_tools.journal.coordinators import coordinators, worked
+from tca_tools.journal.fold import History
 from tca_wire.coordination import TaskRole, read_report
 from tca_wire.journal.facts import Entry
 from tca_wire.life_cycles import Effect

@@ -10,7 +10,7 @@ from robots.youbot_sim.outcome import CarriedObject, read_delivery
 from robots.youbot_sim.robot import Physics, make_robot
 from robots.youbot_sim.vocabulary import GROUPS, JointReadings
 from tca_module import Client, connect
-from tca_tools.run.journals import open_log
+from tca_tools.journal.journals import open_log
 
 
 @dataclass(frozen=True, slots=True)

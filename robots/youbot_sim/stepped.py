@@ -8,7 +8,7 @@ from robots.youbot_sim.kinematic import KinematicManipulator
 from robots.youbot_sim.messages import CARRY_OBJECTS, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER
 from robots.youbot_sim.moving import make_module
 from robots.youbot_sim.simulator import Lid, SimulatedRobot
-from tca_coordination import Coordinator
+from tca_behaviours.coordination import Coordinator
 from tca_module import connect
 from tca_module.testing import LocalCentral
 

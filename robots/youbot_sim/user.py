@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from robots.youbot_sim.delivery import ENOUGH, GIVEN, WAITING
 from robots.youbot_sim.messages import CARRY_OBJECTS, OFFER_OBJECT
-from tca_coordination import COORDINATION_EVENT, Coordinator, MachineEvent
+from tca_behaviours.coordination import COORDINATION_EVENT, Coordinator, MachineEvent
 from tca_module import Module, Task
 from tca_wire.coordination import CoordinationReport
 

@@ -19,8 +19,8 @@ from tca_tools.analysis.resources import Use
 from tca_tools.analysis.step_words import still_handled, waited
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import span_of
-from tca_tools.run.fates import GOOD_FATES
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.fates import GOOD_FATES
+from tca_tools.journal.whole_run import Run
 from tca_tools.spans import Cover, Span
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import duration, listed, percent, run_time

@@ -16,11 +16,11 @@ from operator import itemgetter
 
 from tca_tools.analysis.standing import going_on, last_change
 from tca_tools.analysis.steps import Doing, PathStep, delay_of
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.coordinators import ends_waited_for
-from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Task
-from tca_tools.run.whole_run import Run
-from tca_tools.why.wait import has_come
+from tca_tools.explain.wait import has_come
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.coordinators import ends_waited_for
+from tca_tools.journal.records import Claim, HandlerWait, Handling, Message, Task
+from tca_tools.journal.whole_run import Run
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitKind

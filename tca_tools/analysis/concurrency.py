@@ -19,12 +19,12 @@ from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.resources import Key, capacity_of
 from tca_tools.analysis.step_words import named, waited
 from tca_tools.analysis.steps import Doing, PathStep
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import Handling, Task
-from tca_tools.run.whole_run import Run
+from tca_tools.explain.wait_words import told
+from tca_tools.explain.waits import waits_now
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.records import Handling, Task
+from tca_tools.journal.whole_run import Run
 from tca_tools.spans import Cover, Span
-from tca_tools.why.wait_words import told
-from tca_tools.why.waits import waits_now
 from tca_wire.points import Moment, Point
 from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.vocabulary import Role

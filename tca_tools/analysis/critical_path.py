@@ -11,8 +11,8 @@ from tca_tools.analysis.standing import at_last
 from tca_tools.analysis.step_words import named
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import is_over, mattering
-from tca_tools.run.records import Task
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.records import Task
+from tca_tools.journal.whole_run import Run
 from tca_wire.points import Moment
 
 

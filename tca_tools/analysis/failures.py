@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from operator import attrgetter
 
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.failures import Failed, all_failures
-from tca_tools.run.fates import ENDED_TASKS, GOOD_FATES, Fate, begun_again_with, failing, fate, told_to, went_on
-from tca_tools.run.records import HandlerWait, Handling, Message, Task
-from tca_tools.run.whole_run import Run
+from tca_tools.explain.deciding import calls
+from tca_tools.explain.story import awaited
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.failures import Failed, all_failures
+from tca_tools.journal.fates import ENDED_TASKS, GOOD_FATES, Fate, begun_again_with, failing, fate, told_to, went_on
+from tca_tools.journal.records import HandlerWait, Handling, Message, Task
+from tca_tools.journal.whole_run import Run
 from tca_tools.spans import Cover, Span
-from tca_tools.why.deciding import calls
-from tca_tools.why.story import awaited
 from tca_wire.messages.failures import DEADLOCK
 from tca_wire.points import Moment
 from tca_wire.text.facts_in_words import by_whom, place

@@ -19,8 +19,8 @@ from tca_tools.analysis.long_waits import is_in_vain
 from tca_tools.analysis.resources import kept_out
 from tca_tools.analysis.step_words import queueing_before
 from tca_tools.analysis.steps import Doing, PathStep
-from tca_tools.run.records import Claim
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.records import Claim
+from tca_tools.journal.whole_run import Run
 from tca_tools.spans import Cover, Span
 from tca_wire.text.facts_in_words import called, place
 

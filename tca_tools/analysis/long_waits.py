@@ -7,13 +7,13 @@ from math import inf, nextafter
 from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import HandlerWait, Queueing, Suspension, Task, TaskState
-from tca_tools.run.whole_run import Run
-from tca_tools.why.keepers import Keepers, WaitPart, parts_in_queue, parts_of_claim
-from tca_tools.why.wait import has_come
-from tca_tools.why.wait_words import of_claim, of_queueing, wait_for
-from tca_tools.why.waits import NO_TIME, of_handler_wait, told_waits
+from tca_tools.explain.keepers import Keepers, WaitPart, parts_in_queue, parts_of_claim
+from tca_tools.explain.wait import has_come
+from tca_tools.explain.wait_words import of_claim, of_queueing, wait_for
+from tca_tools.explain.waits import NO_TIME, of_handler_wait, told_waits
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.records import HandlerWait, Queueing, Suspension, Task, TaskState
+from tca_tools.journal.whole_run import Run
 from tca_wire.text.facts_in_words import by_whom
 from tca_wire.text.measures import run_time
 from tca_wire.text.waits_in_words import causes_in_words, in_words

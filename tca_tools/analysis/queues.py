@@ -10,8 +10,8 @@ from math import ceil, sqrt
 from typing import NamedTuple
 
 from tca_tools.analysis.resources import Key, capacity_of
-from tca_tools.run.records import Queueing
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.records import Queueing
+from tca_tools.journal.whole_run import Run
 from tca_tools.spans import levels
 
 _LENGTH = 5

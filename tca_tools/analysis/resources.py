@@ -5,8 +5,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 
-from tca_tools.run.records import Claim, Handling, Queueing
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.records import Claim, Handling, Queueing
+from tca_tools.journal.whole_run import Run
 from tca_tools.spans import Cover, Span, most_at_once
 from tca_wire.text.facts_in_words import place
 

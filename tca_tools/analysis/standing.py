@@ -8,13 +8,13 @@ from math import inf, nextafter
 from typing import NamedTuple
 
 from tca_tools.analysis.steps import Doing, PathStep, delay_of
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import Claim, HandlerWait, Handling, Hold, Message, Queueing, Suspension, Task
-from tca_tools.run.whole_run import Run
-from tca_tools.why.ends import Ends
-from tca_tools.why.wait import Node, Wait, node_of
-from tca_tools.why.wait_words import wait_for
-from tca_tools.why.waits import further, keeping, steps, waits_now
+from tca_tools.explain.ends import Ends
+from tca_tools.explain.wait import Node, Wait, node_of
+from tca_tools.explain.wait_words import wait_for
+from tca_tools.explain.waits import further, keeping, steps, waits_now
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.records import Claim, HandlerWait, Handling, Hold, Message, Queueing, Suspension, Task
+from tca_tools.journal.whole_run import Run
 from tca_wire.points import END_ACHIEVING
 from tca_wire.text.waits_in_words import in_words
 from tca_wire.waits import WaitKind

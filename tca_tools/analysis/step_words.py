@@ -5,13 +5,13 @@ from math import inf, nextafter
 
 from tca_tools.analysis.long_waits import handler_wait_in_words
 from tca_tools.analysis.steps import Doing, PathStep
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import Message, Queueing, Task
-from tca_tools.run.whole_run import UNKNOWN, Run
-from tca_tools.why.ends import Ends
-from tca_tools.why.wait import Wait
-from tca_tools.why.wait_words import last_of, told, wait_for
-from tca_tools.why.waits import waits_now, waits_of
+from tca_tools.explain.ends import Ends
+from tca_tools.explain.wait import Wait
+from tca_tools.explain.wait_words import last_of, told, wait_for
+from tca_tools.explain.waits import waits_now, waits_of
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.records import Message, Queueing, Task
+from tca_tools.journal.whole_run import UNKNOWN, Run
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place
 from tca_wire.text.measures import duration, run_time
 from tca_wire.text.waits_in_words import in_words, several_in_words

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tca_tools.run.records import HandlerWait, Handling, Hold, Task
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.records import HandlerWait, Handling, Hold, Task
+from tca_tools.journal.whole_run import Run
 from tca_wire.points import ROOT
 from tca_wire.text.facts_in_words import place
 

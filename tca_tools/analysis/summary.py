@@ -4,9 +4,9 @@ from collections import Counter
 from dataclasses import dataclass
 from operator import attrgetter
 
-from tca_tools.run.fates import STANDINGS, standing
-from tca_tools.run.records import OVER, Task, TaskState
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.fates import STANDINGS, standing
+from tca_tools.journal.records import OVER, Task, TaskState
+from tca_tools.journal.whole_run import Run
 from tca_wire.text.measures import counted, run_time
 from tca_wire.text.printable import first_line
 from tca_wire.vocabulary import CENTRAL

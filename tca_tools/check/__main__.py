@@ -5,12 +5,12 @@ from typing import Any
 
 import click
 
-from tca_properties import BadProperty, Property, property_from
 from tca_tools.check.checked_run import CheckedRun
 from tca_tools.check.report import head_lines, verdict_lines, violation_lines
-from tca_tools.run.fold import History
-from tca_tools.run.journals import Log, open_log
-from tca_wire.user_file import CannotRun, names_of
+from tca_tools.journal.fold import History
+from tca_tools.journal.journals import Log, open_log
+from tca_tools.properties import BadProperty, Property, property_from
+from tca_tools.user_file import CannotRun, names_of
 
 
 @click.command()

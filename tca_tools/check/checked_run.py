@@ -3,17 +3,17 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-from tca_properties import BadProperty, Property
-from tca_properties.field_values import FieldValue
-from tca_properties.predicates import OfMessages
 from tca_tools.check.checker import Checker
 from tca_tools.check.judge import Judge
 from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import RULES, Violation
 from tca_tools.check.world import JournalWorld
-from tca_tools.run.fold import History
-from tca_tools.run.journals import Log
-from tca_tools.run.losses import Losses
+from tca_tools.journal.fold import History
+from tca_tools.journal.journals import Log
+from tca_tools.journal.losses import Losses
+from tca_tools.properties import BadProperty, Property
+from tca_tools.properties.field_values import FieldValue
+from tca_tools.properties.predicates import OfMessages
 from tca_wire.journal.facts import Entry
 
 

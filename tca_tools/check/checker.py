@@ -8,7 +8,7 @@ from tca_tools.check import births, failing, handling, lives, moments, presence,
 from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import CLOCK, Violation
 from tca_tools.check.world import JournalWorld
-from tca_tools.run.fold import History
+from tca_tools.journal.fold import History
 from tca_wire.journal import facts
 from tca_wire.journal.takers import takers
 

@@ -3,12 +3,12 @@
 from collections.abc import Iterable
 from typing import Any
 
-from tca_properties.algebra import Breach, NeverStuck, Property, words_of
-from tca_properties.cases import CasesProperty, Counted
-from tca_properties.predicates import OfMessages
-from tca_properties.world import Found, Predicate
 from tca_tools.check.records import MessageRecord
 from tca_tools.check.world import JournalWorld
+from tca_tools.properties.algebra import Breach, NeverStuck, Property, words_of
+from tca_tools.properties.cases import CasesProperty, Counted
+from tca_tools.properties.predicates import OfMessages
+from tca_tools.properties.world import Found, Predicate
 
 _MOST_NAMED = 6
 """Messages that are named where many break a property."""

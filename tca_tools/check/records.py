@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from tca_properties.world import MessageView
+from tca_tools.properties.world import MessageView
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.life_cycles import LifeCycle

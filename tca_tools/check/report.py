@@ -4,15 +4,15 @@ from collections.abc import Iterator
 
 import click
 
-from tca_properties import Property
 from tca_tools.check.checker import Checker
 from tca_tools.check.judge import Judge
 from tca_tools.check.rules import RULES, Violation
-from tca_tools.run.fold import History
-from tca_tools.run.journals import Log, open_log
-from tca_tools.run.whole_run import Run
+from tca_tools.explain.story import story
+from tca_tools.journal.fold import History
+from tca_tools.journal.journals import Log, open_log
+from tca_tools.journal.whole_run import Run
+from tca_tools.properties import Property
 from tca_tools.terminal import cut, line_width
-from tca_tools.why.story import story
 from tca_wire.text.printable import printable
 
 _MOST_GAPS = 5

@@ -8,7 +8,7 @@ import click
 from tca_central.errors import CentralError
 from tca_central.shell.replaying import InputReplay, newest_run
 from tca_central.shell.written_facts import Difference, WrittenFacts
-from tca_tools.run.journals import Log
+from tca_tools.journal.journals import Log
 from tca_wire.journal.facts import Entry, Fact, kind_of
 from tca_wire.text.facts_in_words import Wording
 from tca_wire.text.measures import counted

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from tca_tools.check.records import LifeDeclarations, MessageRecord, ResourceClaims, ResourceRecord
 from tca_tools.check.rules import ENDED, KNOWN, Rule, Violation
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.whole_run import Run
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
 from tca_wire.text.facts_in_words import called

@@ -11,12 +11,12 @@ import click
 
 from tca_tools.errors import ToolError
 from tca_tools.export.tables import TABLES, Table, write_csv
+from tca_tools.journal.fold import folded
+from tca_tools.journal.journals import Log, open_log
+from tca_tools.journal.whole_run import Run
 from tca_tools.log.fact_rows import fact_row
 from tca_tools.options import force_option, log_argument
 from tca_tools.output import check_free, made_for, new_file
-from tca_tools.run.fold import folded
-from tca_tools.run.journals import Log, open_log
-from tca_tools.run.whole_run import Run
 from tca_wire.journal.records import SEGMENT_SUFFIX
 from tca_wire.text.bodies import json_text
 from tca_wire.text.missing import missing_package

@@ -13,11 +13,11 @@ from mcap.writer import Writer
 
 from tca_tools.export.nanoseconds import Nanoseconds, since_1970
 from tca_tools.export.schemas import Schema, object_schema, plain_schema
+from tca_tools.journal.at_time import TaskAt
+from tca_tools.journal.fates import went_on
+from tca_tools.journal.lives import effect_of
+from tca_tools.journal.whole_run import Run
 from tca_tools.log.fact_rows import fact_row
-from tca_tools.run.at_time import TaskAt
-from tca_tools.run.fates import went_on
-from tca_tools.run.lives import effect_of
-from tca_tools.run.whole_run import Run
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, kind_of
 from tca_wire.life_cycles import Effect

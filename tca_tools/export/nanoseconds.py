@@ -4,7 +4,7 @@ from array import array
 from bisect import bisect_left
 from math import isfinite
 
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.whole_run import Run
 
 _LATEST = 4e9
 """More than a century, in seconds: what is written later than that is no time."""

@@ -8,7 +8,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from tca_tools.export.tables import ColumnType, Table
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.whole_run import Run
 
 _ROWS_IN_A_GROUP = 1 << 16
 

@@ -11,12 +11,12 @@ from itertools import chain, pairwise
 from math import inf
 from typing import Any, BinaryIO
 
-from tca_tools.run.failures import all_failures
-from tca_tools.run.fates import fate, has_coped, went_on
-from tca_tools.run.records import HandlerWait, Handling, Queueing
-from tca_tools.run.whole_run import Run
-from tca_tools.why.wait import Wait
-from tca_tools.why.waits import of_handler_wait, waits_of
+from tca_tools.explain.wait import Wait
+from tca_tools.explain.waits import of_handler_wait, waits_of
+from tca_tools.journal.failures import all_failures
+from tca_tools.journal.fates import fate, has_coped, went_on
+from tca_tools.journal.records import HandlerWait, Handling, Queueing
+from tca_tools.journal.whole_run import Run
 from tca_wire.points import MOMENTS, describe_moments
 from tca_wire.text.bodies import json_text, plain_data
 from tca_wire.vocabulary import Outcome

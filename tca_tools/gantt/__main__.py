@@ -11,13 +11,13 @@ from tca_tools.gantt.chart import Chart
 from tca_tools.gantt.svg import page_text, svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.gantt.window import ROOM, Pick
+from tca_tools.journal.fold import folded, no_garbage
+from tca_tools.journal.journals import open_log
+from tca_tools.journal.records import OVER, Task
+from tca_tools.journal.selection import check_modules, messages_of, one_task, subtree, tasks_called, waited_for
+from tca_tools.journal.whole_run import Run
 from tca_tools.options import Asked, check_output, check_span, output_option, shared_options
 from tca_tools.output import show_text, write_output
-from tca_tools.run.fold import folded, no_garbage
-from tca_tools.run.journals import open_log
-from tca_tools.run.records import OVER, Task
-from tca_tools.run.selection import check_modules, messages_of, one_task, subtree, tasks_called, waited_for
-from tca_tools.run.whole_run import Run
 from tca_tools.terminal import can_show, cut, line_width
 from tca_wire.points import Moment
 from tca_wire.text.printable import printable

@@ -7,15 +7,15 @@ from math import inf
 from operator import attrgetter
 from typing import Any
 
+from tca_tools.explain.waits import told_waits
 from tca_tools.gantt import titles
 from tca_tools.gantt.chart import Bar, BarKind, Chart, Ending, Mark, ResourceRow
 from tca_tools.gantt.window import ALL, Pick, span_of
-from tca_tools.run.coordinators import agent_task
-from tca_tools.run.fates import has_coped, went_on
-from tca_tools.run.records import HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.coordinators import agent_task
+from tca_tools.journal.fates import has_coped, went_on
+from tca_tools.journal.records import HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
+from tca_tools.journal.whole_run import Run
 from tca_tools.spans import lanes
-from tca_tools.why.waits import told_waits
 from tca_wire.life_cycles import Effect
 from tca_wire.text.facts_in_words import place
 from tca_wire.vocabulary import Outcome

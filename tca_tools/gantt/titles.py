@@ -2,14 +2,14 @@
 
 from math import inf
 
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fates import failing, told_to
-from tca_tools.run.records import Claim, Failure, HandlerWait, Handling, LifeChange, Queueing, Raised, Task
-from tca_tools.run.whole_run import Run
+from tca_tools.explain.wait import Wait
+from tca_tools.explain.wait_words import told
+from tca_tools.explain.waits import of_handler_wait
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fates import failing, told_to
+from tca_tools.journal.records import Claim, Failure, HandlerWait, Handling, LifeChange, Queueing, Raised, Task
+from tca_tools.journal.whole_run import Run
 from tca_tools.terminal import cut
-from tca_tools.why.wait import Wait
-from tca_tools.why.wait_words import told
-from tca_tools.why.waits import of_handler_wait
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, place, raised_by
 from tca_wire.text.measures import duration, from_to, run_time

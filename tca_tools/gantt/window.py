@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from functools import partial
 
 from tca_tools.gantt.chart import ResourceRow
-from tca_tools.run.fates import watches
-from tca_tools.run.records import OVER, Task
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.fates import watches
+from tca_tools.journal.records import OVER, Task
+from tca_tools.journal.whole_run import Run
 
 ROOM = 0.02
 """Beside the bars, of the time that they take."""

@@ -7,12 +7,12 @@ from pathlib import Path
 import click
 
 from tca_tools.errors import NotInLog
-from tca_tools.run.journals import Log, open_log
+from tca_tools.journal.journals import Log, open_log
+from tca_tools.user_file import CannotRun, names_of
 from tca_wire.journal.facts import FormatDefined
 from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, read_life_cycle
 from tca_wire.messages.declarations import TaskMessage
 from tca_wire.text.printable import printable
-from tca_wire.user_file import CannotRun, names_of
 
 BUILT_IN = {one.name: one for one in (GENERAL, BASIC)}
 

@@ -8,13 +8,13 @@ from typing import get_args
 
 import click
 
+from tca_tools.journal.journals import newest_journal, open_log, run_folders, runs_in
+from tca_tools.journal.selection import no_task
 from tca_tools.log.classic import classic_lines
 from tca_tools.log.fact_rows import fact_row
 from tca_tools.log.prune import remove, stored_runs, superfluous
 from tca_tools.log.shorten import EndedTasks
 from tca_tools.options import AGE, SIZE, log_argument
-from tca_tools.run.journals import newest_journal, open_log, run_folders, runs_in
-from tca_tools.run.selection import no_task
 from tca_tools.terminal import columns_of, cut, line_width, padded
 from tca_wire.endpoint import default_journals
 from tca_wire.journal.facts import Delivered, Entry, Fact, Queued, Received, kind_of

@@ -13,8 +13,8 @@ import textwrap
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 
-from tca_tools.run.fold import History
-from tca_tools.run.records import Message, Task
+from tca_tools.journal.fold import History
+from tca_tools.journal.records import Message, Task
 from tca_wire.journal import facts
 from tca_wire.points import END_ACHIEVING, START_HANDLING
 from tca_wire.text.bodies import data_text

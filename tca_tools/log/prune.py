@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tca_tools.errors import ToolError, UnusableLog
-from tca_tools.run.journals import is_closed, runs_in
-from tca_tools.run.segments import Folder, listed, segments_in
+from tca_tools.journal.journals import is_closed, runs_in
+from tca_tools.journal.segments import Folder, listed, segments_in
 from tca_wire.endpoint import by_number, run_number
 from tca_wire.text.printable import printable
 

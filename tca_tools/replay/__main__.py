@@ -6,10 +6,10 @@ from pathlib import Path
 import click
 
 from tca_tools.errors import ToolError
+from tca_tools.journal.journals import open_log
 from tca_tools.options import MOMENT, log_argument
 from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.recording import Recording
-from tca_tools.run.journals import open_log
 from tca_tools.terminal import line_width
 from tca_wire.text.missing import missing_package
 

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import click
 
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fates import standing
 from tca_tools.replay.recording import Recording
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fates import standing
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import columns_of, cut

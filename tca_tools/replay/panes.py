@@ -15,15 +15,15 @@ from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Input, RichLog, Static
 
+from tca_tools.explain.story import story
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fates import coped_with
+from tca_tools.journal.records import OVER
 from tca_tools.replay.recording import Recording
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fates import coped_with
-from tca_tools.run.records import OVER
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.tasktree_viz.text import COLOURS, UNICODE, prefixes
 from tca_tools.terminal import columns_of, cut
-from tca_tools.why.story import story
 from tca_wire.journal.facts import kind_of
 from tca_wire.text.bodies import data_text
 from tca_wire.text.measures import counted

@@ -5,11 +5,11 @@ from collections.abc import Iterable, Iterator
 from math import inf
 from typing import NamedTuple
 
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fates import went_on
+from tca_tools.journal.fold import History
+from tca_tools.journal.whole_run import Run
 from tca_tools.log.__main__ import BAD_NEWS
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fates import went_on
-from tca_tools.run.fold import History
-from tca_tools.run.whole_run import Run
 from tca_wire.journal.facts import Entry, Fact, Failed, kind_of
 from tca_wire.points import Moment
 from tca_wire.text.facts_in_words import Wording, subject_of

@@ -5,8 +5,8 @@ Nothing recurses; a moment costs what is shown and what stands beside that, howe
 
 from collections.abc import Sequence
 
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.selection import lineage
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.selection import lineage
 from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, walked
 from tca_wire.points import ROOT, Moment, TaskId
 

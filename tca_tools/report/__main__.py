@@ -5,10 +5,10 @@ from pathlib import Path
 import click
 
 from tca_tools.errors import DamagedLog, ToolError
+from tca_tools.journal.fold import folded
+from tca_tools.journal.journals import Log, open_log
 from tca_tools.options import check_output, force_option, log_argument, output_option
 from tca_tools.output import write_output
-from tca_tools.run.fold import folded
-from tca_tools.run.journals import Log, open_log
 from tca_wire.text.missing import missing_package
 
 

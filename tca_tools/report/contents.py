@@ -23,9 +23,9 @@ from tca_tools.analysis.resources import Use, uses
 from tca_tools.analysis.step_words import why_then
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import Summary, summary
-from tca_tools.run.coordinators import Gain, gains
-from tca_tools.run.whole_run import Run
-from tca_tools.why.story import Sentence, story
+from tca_tools.explain.story import Sentence, story
+from tca_tools.journal.coordinators import Gain, gains
+from tca_tools.journal.whole_run import Run
 from tca_wire.text.early_work import WhyNotEarly
 
 _WORTH_SAYING = 0.005

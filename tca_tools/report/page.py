@@ -9,11 +9,11 @@ from markupsafe import Markup
 
 from tca_tools.analysis.failures import Case
 from tca_tools.analysis.long_waits import KINDS as HEADINGS
+from tca_tools.journal.fates import GOOD_FATES, HANDLED, Fate
+from tca_tools.journal.records import TaskState
 from tca_tools.report.contents import CASES, KINDS, Contents
 from tca_tools.report.pictures import Gantt, Strip
 from tca_tools.report.tree import Tree
-from tca_tools.run.fates import GOOD_FATES, HANDLED, Fate
-from tca_tools.run.records import TaskState
 from tca_tools.tasktree_viz.words import role
 from tca_tools.terminal import cut
 from tca_wire.text.measures import counted, duration, percent, run_time

@@ -9,9 +9,9 @@ from tca_tools.gantt.chart import Chart
 from tca_tools.gantt.legend import patterns
 from tca_tools.gantt.looks import STYLE
 from tca_tools.gantt.svg import pieces_of
+from tca_tools.journal.fates import GOOD_FATES
+from tca_tools.journal.fold import History
 from tca_tools.report.contents import Contents
-from tca_tools.run.fates import GOOD_FATES
-from tca_tools.run.fold import History
 from tca_tools.spans import Cover
 
 _BARS_AT_MOST = 2500

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import OVER, TaskState
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.at_time import RunAt, TaskAt
+from tca_tools.journal.records import OVER, TaskState
+from tca_tools.journal.whole_run import Run
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row, excerpt, outline
 from tca_wire.points import Interval

@@ -7,10 +7,10 @@ import click
 from tca_tools.drawing.pictures import converted
 from tca_tools.errors import NotInLog
 from tca_tools.gantt.cells import ASCII, UNICODE
+from tca_tools.journal.fold import folded
+from tca_tools.journal.journals import open_log
 from tca_tools.options import check_output, force_option, output_option
 from tca_tools.output import show_text, write_output
-from tca_tools.run.fold import folded
-from tca_tools.run.journals import open_log
 from tca_tools.schedule.build import AgentSchedule, schedules
 from tca_tools.schedule.svg import svg_text
 from tca_tools.schedule.text import schedule_lines

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 
 from tca_tools.gantt.chart import Bar
-from tca_tools.run.coordinators import STANDINGS, CoordinatorRecord, SentByCoordinator, coordinators, worked
-from tca_tools.run.records import Task
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.coordinators import STANDINGS, CoordinatorRecord, SentByCoordinator, coordinators, worked
+from tca_tools.journal.records import Task
+from tca_tools.journal.whole_run import Run
 from tca_tools.spans import lanes
 from tca_wire.coordination import TaskRole
 from tca_wire.text.bodies import plain_data

@@ -6,9 +6,9 @@ from typing import Any
 
 import click
 
+from tca_tools.journal.fold import folded
+from tca_tools.journal.journals import open_log
 from tca_tools.options import MOMENT, check_span, log_argument
-from tca_tools.run.fold import folded
-from tca_tools.run.journals import open_log
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times, measure
 from tca_tools.stats.text import stats_lines
 from tca_tools.terminal import line_width

@@ -6,8 +6,8 @@ from math import ceil
 
 from tca_tools.analysis.resources import Key, Use, uses
 from tca_tools.analysis.summary import span_of
-from tca_tools.run.records import OVER, Drop, Handling, Message, Task, TaskState
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.records import OVER, Drop, Handling, Message, Task, TaskState
+from tca_tools.journal.whole_run import Run
 from tca_tools.spans import Span, most_at_once
 from tca_wire.points import Moment
 from tca_wire.vocabulary import MessageClass, Outcome

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import click
 
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fold import folded
+from tca_tools.journal.journals import open_log
+from tca_tools.journal.selection import Forest, check_modules, one_message, part_of, tasks_called
 from tca_tools.options import Asked, check_output, check_span, output_option, shared_options
 from tca_tools.output import show_text
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fold import folded
-from tca_tools.run.journals import open_log
-from tca_tools.run.selection import Forest, check_modules, one_message, part_of, tasks_called
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.files import KINDS, LAYOUTS, write_tree
 from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, excerpt, outline, whole_outline

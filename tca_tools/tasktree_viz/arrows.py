@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Self
 
-from tca_tools.run.at_time import RunAt
+from tca_tools.journal.at_time import RunAt
 from tca_wire.constraints import Constraint
 from tca_wire.points import Moment, describe_moments
 from tca_wire.text.measures import duration, listed

@@ -9,10 +9,10 @@ from html import escape
 from itertools import pairwise, starmap
 from operator import itemgetter
 
-from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.coordinators import STANDINGS as PREVIEWED
-from tca_tools.run.fates import STANDINGS
-from tca_tools.run.records import TaskState
+from tca_tools.journal.at_time import RunAt, TaskAt
+from tca_tools.journal.coordinators import STANDINGS as PREVIEWED
+from tca_tools.journal.fates import STANDINGS
+from tca_tools.journal.records import TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows, in_words
 from tca_tools.tasktree_viz.looks import LOOKS

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from math import inf
 from typing import NamedTuple
 
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fates import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
-from tca_tools.run.records import DONE, OVER, Message, Task
-from tca_tools.run.whole_run import Run
+from tca_tools.explain.deciding import called_for, calls, decider, retried
+from tca_tools.explain.story import NOT_HANDLED
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fates import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
+from tca_tools.journal.records import DONE, OVER, Message, Task
+from tca_tools.journal.whole_run import Run
 from tca_tools.tasktree_viz.out_of_time import out_of_time
-from tca_tools.why.deciding import called_for, calls, decider, retried
-from tca_tools.why.story import NOT_HANDLED
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 

@@ -9,8 +9,8 @@ from tca_tools.drawing.graphviz import drawn
 from tca_tools.drawing.page import zoomed_page
 from tca_tools.drawing.pictures import converted
 from tca_tools.errors import NoPicture
+from tca_tools.journal.at_time import RunAt
 from tca_tools.output import made_for, show_text, write_output
-from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.tasktree_viz.outline_svg import outline_svg

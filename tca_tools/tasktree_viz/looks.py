@@ -1,7 +1,7 @@
 """The looks of tasks, by how they stand."""
 
-from tca_tools.run.fates import HANDLED, WATCHING
-from tca_tools.run.records import TaskState
+from tca_tools.journal.fates import HANDLED, WATCHING
+from tca_tools.journal.records import TaskState
 
 LOOKS: dict[str, tuple[str, str]] = {
     TaskState.HELD: ("#ffffff", "bright_black"),

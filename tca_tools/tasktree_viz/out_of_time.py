@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from math import nextafter
 
-from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import Failure, Message
-from tca_tools.run.whole_run import Run
-from tca_tools.why.ends import Ends
-from tca_tools.why.wait_words import age_of, how, in_the_end, shown, told_now
-from tca_tools.why.waits import NAMED
+from tca_tools.explain.ends import Ends
+from tca_tools.explain.wait_words import age_of, how, in_the_end, shown, told_now
+from tca_tools.explain.waits import NAMED
+from tca_tools.journal.at_time import RunAt, TaskAt
+from tca_tools.journal.records import Failure, Message
+from tca_tools.journal.whole_run import Run
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.points import TaskId
 from tca_wire.text.facts_in_words import by_whom, place

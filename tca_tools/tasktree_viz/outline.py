@@ -10,10 +10,10 @@ from functools import partial
 from itertools import groupby
 from sys import maxsize
 
-from tca_tools.run.at_time import TaskAt
-from tca_tools.run.fates import HANDLED
-from tca_tools.run.records import TaskState
-from tca_tools.run.selection import Forest
+from tca_tools.journal.at_time import TaskAt
+from tca_tools.journal.fates import HANDLED
+from tca_tools.journal.records import TaskState
+from tca_tools.journal.selection import Forest
 from tca_wire.points import ROOT, TaskId
 
 SHOWN_AT_MOST = 300

@@ -6,9 +6,9 @@ from operator import attrgetter
 
 from tca_tools.drawing.svg import document, rectangle, text
 from tca_tools.gantt.axis import ticks
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fates import STANDINGS
-from tca_tools.run.records import OVER, TaskState
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fates import STANDINGS
+from tca_tools.journal.records import OVER, TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, SEQ, arrows
 from tca_tools.tasktree_viz.dot import FILLS, borders, looks_of

@@ -6,8 +6,8 @@ For trees that are too wide to be drawn as a figure: this one grows downwards on
 from dataclasses import dataclass, field
 from textwrap import wrap
 
-from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import TaskState
+from tca_tools.journal.at_time import RunAt, TaskAt
+from tca_tools.journal.records import TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import SEQ, ArrowKind, Arrows, in_words
 from tca_tools.tasktree_viz.lanes import Line, lines

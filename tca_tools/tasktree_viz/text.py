@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import click
 
-from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import TaskState
+from tca_tools.journal.at_time import RunAt, TaskAt
+from tca_tools.journal.records import TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.looks import LOOKS
 from tca_tools.tasktree_viz.outline import Row

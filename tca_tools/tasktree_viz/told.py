@@ -5,17 +5,17 @@ from textwrap import wrap
 
 import click
 
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fates import standing
-from tca_tools.run.records import Task
-from tca_tools.run.selection import lineage
-from tca_tools.run.whole_run import Run
+from tca_tools.explain.story import story
+from tca_tools.explain.wait_words import in_the_end
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fates import standing
+from tca_tools.journal.records import Task
+from tca_tools.journal.selection import lineage
+from tca_tools.journal.whole_run import Run
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.tasktree_viz.words import failure_line
 from tca_tools.terminal import columns_of, cut
-from tca_tools.why.story import story
-from tca_tools.why.wait_words import in_the_end
 from tca_wire.points import TaskId
 from tca_wire.text.printable import printable
 

@@ -5,13 +5,7 @@ from collections.abc import Sequence
 from textwrap import wrap
 from typing import NamedTuple
 
-from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.fates import STANDINGS
-from tca_tools.run.records import OVER, TaskState
-from tca_tools.run.selection import Forest
-from tca_tools.tasktree_viz.outline import Row
-from tca_tools.terminal import columns_of, cut, cut_name
-from tca_tools.why.wait_words import (
+from tca_tools.explain.wait_words import (
     Age,
     Last,
     age_of,
@@ -23,6 +17,12 @@ from tca_tools.why.wait_words import (
     shown,
     told_now,
 )
+from tca_tools.journal.at_time import RunAt, TaskAt
+from tca_tools.journal.fates import STANDINGS
+from tca_tools.journal.records import OVER, TaskState
+from tca_tools.journal.selection import Forest
+from tca_tools.tasktree_viz.outline import Row
+from tca_tools.terminal import columns_of, cut, cut_name
 from tca_wire.points import Edge, Interval, moment_of
 from tca_wire.text.bodies import data_text, plain_data
 from tca_wire.text.facts_in_words import by_whom

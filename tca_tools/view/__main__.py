@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 
 from tca_tools.errors import ToolError
+from tca_tools.journal.journals import open_log
 from tca_tools.options import log_argument
-from tca_tools.run.journals import open_log
 from tca_tools.view.door import LOCAL, listening, page_options
 from tca_wire.endpoint import VARIABLE
 from tca_wire.text.missing import missing_package

@@ -8,19 +8,19 @@ from itertools import groupby
 from operator import attrgetter
 from typing import Any
 
-from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.fates import Fate, coped_with, fate, told_to
-from tca_tools.run.records import OVER, Hold, Message, Task
-from tca_tools.run.whole_run import Run
+from tca_tools.explain.ends import Cause, causes
+from tca_tools.explain.story import NOT_HANDLED, Sentence, story
+from tca_tools.explain.wait_words import age_of, coming, how, last_of, shown, told_now
+from tca_tools.explain.waits import held_above
+from tca_tools.journal.at_time import RunAt, TaskAt
+from tca_tools.journal.fates import Fate, coped_with, fate, told_to
+from tca_tools.journal.records import OVER, Hold, Message, Task
+from tca_tools.journal.whole_run import Run
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import failure_line, note_of, span
 from tca_tools.view.machines import machine_answer
 from tca_tools.view.pictures import is_picture, picture_in
 from tca_tools.view.reading import Reading
-from tca_tools.why.ends import Cause, causes
-from tca_tools.why.story import NOT_HANDLED, Sentence, story
-from tca_tools.why.wait_words import age_of, coming, how, last_of, shown, told_now
-from tca_tools.why.waits import held_above
 from tca_wire.journal.facts import kind_of
 from tca_wire.points import Interval, TaskId, describe_moments
 from tca_wire.text.bodies import data_text

@@ -17,8 +17,8 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from tca_tools.errors import ToolError
-from tca_tools.run.coordinators import STANDINGS as PREVIEWED
-from tca_tools.run.fates import HANDLED
+from tca_tools.journal.coordinators import STANDINGS as PREVIEWED
+from tca_tools.journal.fates import HANDLED
 from tca_tools.tasktree_viz.dot import FILLS
 from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers, picture_answer
 from tca_tools.view.guards import NotAllowed, guards

@@ -11,10 +11,10 @@ from operator import attrgetter
 from tca_tools.gantt.build import NO_HANDLER, SUSPENDED
 from tca_tools.gantt.looks import dark
 from tca_tools.gantt.titles import changed
-from tca_tools.run.coordinators import coordinator_of
-from tca_tools.run.fates import WATCHING, Failing, failing, watches
-from tca_tools.run.fold import History
-from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
+from tca_tools.journal.coordinators import coordinator_of
+from tca_tools.journal.fates import WATCHING, Failing, failing, watches
+from tca_tools.journal.fold import History
+from tca_tools.journal.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
 from tca_tools.view.pictures import is_picture

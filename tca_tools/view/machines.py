@@ -7,9 +7,9 @@ from tca_tools.drawing.chart_dot import chart_dot
 from tca_tools.drawing.coordination_dot import coordination_dot, likely_arrows
 from tca_tools.drawing.graphviz import drawn
 from tca_tools.errors import NoPicture
-from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import OVER, Task
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.at_time import RunAt, TaskAt
+from tca_tools.journal.records import OVER, Task
+from tca_tools.journal.whole_run import Run
 from tca_tools.view.reading import Reading
 from tca_wire.charts import MachineChart, read_active, read_machine
 from tca_wire.coordination import CoordinationChart, read_chart, read_report

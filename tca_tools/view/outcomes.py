@@ -3,8 +3,8 @@
 from typing import Any
 
 from tca_tools.errors import ToolError
-from tca_tools.run.journals import Log, open_log
-from tca_tools.run.outcomes import RunOutcome, outcome_of
+from tca_tools.journal.journals import Log, open_log
+from tca_tools.journal.outcomes import RunOutcome, outcome_of
 from tca_tools.view.runs import Runs
 from tca_wire.text.printable import printable_lines
 

@@ -4,7 +4,7 @@ from base64 import b64encode
 
 import msgspec
 
-from tca_tools.run.records import Message
+from tca_tools.journal.records import Message
 
 PICTURE_OF = "picture of "
 """The beginning of the names."""

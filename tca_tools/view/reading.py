@@ -10,8 +10,8 @@ from time import monotonic
 from typing import Any, Self
 
 from tca_tools.errors import ToolError, UnusableLog
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.journals import EntryPlace, Log
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.journals import EntryPlace, Log
 from tca_tools.view.feed import Feed
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.facts import Closed, Entry

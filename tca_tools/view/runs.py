@@ -14,8 +14,8 @@ from time import monotonic
 from typing import NamedTuple
 
 from tca_tools.errors import UnusableLog
-from tca_tools.run.journals import Log, called, newest_journal, open_log
-from tca_tools.run.segments import Folder, listed, segments_in
+from tca_tools.journal.journals import Log, called, newest_journal, open_log
+from tca_tools.journal.segments import Folder, listed, segments_in
 from tca_tools.view.reading import Reading
 from tca_wire.endpoint import by_number, default_journals
 

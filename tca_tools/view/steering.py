@@ -5,8 +5,8 @@ from typing import Annotated
 import click
 import msgspec
 
-from tca_live.steering import steer
 from tca_tools.errors import ToolError
+from tca_tools.live.steering import steer
 from tca_tools.view.guards import PageKey
 
 

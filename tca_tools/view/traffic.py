@@ -1,7 +1,7 @@
 """Who sent what to whom, and when: columns from which a page counts for any moment. Pure."""
 
-from tca_tools.run.records import Handling, Message
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.records import Handling, Message
+from tca_tools.journal.whole_run import Run
 from tca_tools.view.columns import Columns
 
 TRAFFIC_TABLES = {

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Iterator
 
-from tca_tools.run.fates import Failing, hinges, went_on
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.fates import Failing, hinges, went_on
+from tca_tools.journal.whole_run import Run
 
 
 class Verdicts:

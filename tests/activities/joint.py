@@ -2,7 +2,7 @@
 
 import msgspec
 
-from tca_activities.components import Component
+from tca_behaviours.activities.components import Component
 
 STEP = 0.01
 

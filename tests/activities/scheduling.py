@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 from hypothesis import strategies as st
 
-from tca_activities import VirtualBaton
-from tca_activities.analysis import Demand
+from tca_behaviours.activities import VirtualBaton
+from tca_behaviours.activities.analysis import Demand
 
 
 @dataclass

@@ -10,11 +10,11 @@ from activities.joint import Joint
 from click.testing import CliRunner
 from integration.programs import central
 
-from tca_activities import Application
-from tca_activities.manager import ApplicationMessages, Manager
-from tca_activities.page import live as page
-from tca_activities.page.command import activities
-from tca_activities.page.live import LiveApplication
+from tca_behaviours.activities import Application
+from tca_behaviours.activities.manager import ApplicationMessages, Manager
+from tca_behaviours.activities.page import live as page
+from tca_behaviours.activities.page.command import activities
+from tca_behaviours.activities.page.live import LiveApplication
 from tca_module import Module, connect
 
 

@@ -8,11 +8,11 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tca_activities.components import initialise
-from tca_activities.models.code import application, generated, skeleton
-from tca_activities.models.dot import model_dot
-from tca_activities.models.reading import model_of
-from tca_wire.user_toml import BadUserFile
+from tca_behaviours.activities.components import initialise
+from tca_behaviours.activities.models.code import application, generated, skeleton
+from tca_behaviours.activities.models.dot import model_dot
+from tca_behaviours.activities.models.reading import model_of
+from tca_tools.user_toml import BadUserFile
 
 TABLES = tomllib.loads((Path(__file__).parent / "cleaning.toml").read_text())
 WORDS = (

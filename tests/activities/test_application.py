@@ -12,11 +12,11 @@ from activities.joint import Joint, Target
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tca_activities import Application, VirtualBaton, automatic, one_each, one_for_all
-from tca_activities.components import Component
-from tca_activities.figures import application_figures
-from tca_activities.processing import Baton
-from tca_activities.processing.schedule import Schedule
+from tca_behaviours.activities import Application, VirtualBaton, automatic, one_each, one_for_all
+from tca_behaviours.activities.components import Component
+from tca_behaviours.activities.figures import application_figures
+from tca_behaviours.activities.processing import Baton
+from tca_behaviours.activities.processing.schedule import Schedule
 from tca_module import MisuseError
 
 
@@ -218,8 +218,8 @@ def test_a_tick_that_takes_long_holds_up_ticks_only(
     application.initialise()
     application.start()
     assert inside.wait(20)
-    monkeypatch.setattr("tca_activities.processing.schedule._LONG", 0.0)
-    monkeypatch.setattr("tca_activities.processing.baton._PATIENCE", 0.0)
+    monkeypatch.setattr("tca_behaviours.activities.processing.schedule._LONG", 0.0)
+    monkeypatch.setattr("tca_behaviours.activities.processing.baton._PATIENCE", 0.0)
     assert application.figures().held_by == "slow.r0.on"
     application.allocate(one_for_all)  # nobody waits for the tick
     application.move("c.r0.on", "own")

@@ -10,10 +10,10 @@ import pytest
 from activities.joint import Joint
 from integration.programs import Central
 
-from tca_activities import Application, VirtualBaton, one_each
-from tca_activities.central_ports import publish
-from tca_activities.manager import ApplicationMessages, Manager
-from tca_activities.page.live import LiveApplication, PageCommand
+from tca_behaviours.activities import Application, VirtualBaton, one_each
+from tca_behaviours.activities.central_ports import publish
+from tca_behaviours.activities.manager import ApplicationMessages, Manager
+from tca_behaviours.activities.page.live import LiveApplication, PageCommand
 from tca_module import Callback, CentralLost, Module, Variable, connect
 
 NAMES, POSITION, OTHER = ApplicationMessages("robot"), Variable("position of x", float), Variable("other", int)

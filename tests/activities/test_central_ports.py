@@ -3,7 +3,7 @@
 import pytest
 from activities.joint import Joint, Target
 
-from tca_activities.central_ports import publish, receive
+from tca_behaviours.activities.central_ports import publish, receive
 from tca_module import Broadcast, Inform, MisuseError, Module, Task, Variable, connect
 from tca_module.testing import LocalCentral
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from activities.joint import Joint, Target
 
-from tca_activities.components import Component, Region, RegionChange, connect, initialise
+from tca_behaviours.activities.components import Component, Region, RegionChange, connect, initialise
 from tca_module import MisuseError
 
 

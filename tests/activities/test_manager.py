@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import pytest
 from activities.joint import Joint
 
-from tca_activities import Application, VirtualBaton, one_for_all
-from tca_activities.manager import (
+from tca_behaviours.activities import Application, VirtualBaton, one_for_all
+from tca_behaviours.activities.manager import (
     ActivityMove,
     ActivityPeriod,
     ApplicationMessages,
@@ -43,7 +43,7 @@ class Town(NamedTuple):
 @pytest.fixture
 def few_wait(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three transitions at most wait for central."""
-    monkeypatch.setattr("tca_activities.manager.manager._MOST_WAITING", 3)
+    monkeypatch.setattr("tca_behaviours.activities.manager.manager._MOST_WAITING", 3)
 
 
 @pytest.fixture

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from tca_activities.models.command import generate
-from tca_activities.models.dot import model_dot
-from tca_activities.models.reading import model_of, read_model
-from tca_wire.user_toml import BadUserFile
+from tca_behaviours.activities.models.command import generate
+from tca_behaviours.activities.models.dot import model_dot
+from tca_behaviours.activities.models.reading import model_of, read_model
+from tca_tools.user_toml import BadUserFile
 
 HERE = Path(__file__).parent
 MODEL = HERE / "cleaning.toml"
@@ -79,7 +79,7 @@ def test_the_model_of_the_docs_is_good() -> None:
 # --- code ----------------------------------------------------------------------------------------------------------
 
 TRY = """
-from tca_activities import Application, VirtualBaton
+from tca_behaviours.activities import Application, VirtualBaton
 from application import Components
 components, baton = Components(), VirtualBaton()
 robot = Application("robot", components.all, baton=baton)

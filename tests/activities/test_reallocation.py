@@ -4,9 +4,9 @@ import itertools
 import time
 from functools import partial
 
-from tca_activities import POLICIES, Application, one_for_all
-from tca_activities.components import Component
-from tca_activities.manager import ActivityMove, ApplicationMessages, Manager
+from tca_behaviours.activities import POLICIES, Application, one_for_all
+from tca_behaviours.activities.components import Component
+from tca_behaviours.activities.manager import ActivityMove, ApplicationMessages, Manager
 from tca_module import Module, connect
 from tca_module.testing import LocalCentral
 

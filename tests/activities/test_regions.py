@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from statemachine import State, StateChart
 from statemachine.io import create_machine_class_from_definition
 
-from tca_activities.components import Region, RegionState
+from tca_behaviours.activities.components import Region, RegionState
 
 EVENTS = ("a", "b")
 GUARDS = ("", "p", "q")

@@ -9,7 +9,7 @@ from activities.scheduling import in_virtual_time, task_sets
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tca_activities.analysis import (
+from tca_behaviours.activities.analysis import (
     Demand,
     automatic,
     is_hyperbolic,
@@ -19,7 +19,7 @@ from tca_activities.analysis import (
     response_bounds,
     utilisation,
 )
-from tca_activities.analysis.response_times import period
+from tca_behaviours.activities.analysis.response_times import period
 from tca_module.period import Period
 
 HYPERPERIOD = 120_000

@@ -6,9 +6,9 @@ from activities.scheduling import Ticked, in_virtual_time, task_sets
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tca_activities import VirtualBaton
-from tca_activities.analysis import Demand
-from tca_activities.processing.schedule import Schedule
+from tca_behaviours.activities import VirtualBaton
+from tca_behaviours.activities.analysis import Demand
+from tca_behaviours.activities.processing.schedule import Schedule
 
 UNIT = 1000.0
 PERIODS = [2 * UNIT, 3 * UNIT, 4 * UNIT, 10 * UNIT]

@@ -40,7 +40,7 @@ from robots.ambler_sim.recovery import REPLAN_MOVE
 from robots.ambler_sim.vocabulary import BodyMove, Fault, Readings
 from tca_module import Client, TaskFailed, connect
 from tca_module.testing import LocalCentral
-from tca_tools.run.fold import History
+from tca_tools.journal.fold import History
 from tca_wire.journal.facts import Failed, Received
 
 WALKERS = [

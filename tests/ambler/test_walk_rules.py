@@ -9,8 +9,8 @@ from tools.story import QUERY, Story
 from robots.ambler_sim.run.rules import FOOTFALL, IMAGE_LOCKED, NO_MOVE_WHILE_LOCKED, PLANNED_AHEAD, RULES, STABILITY
 from tca_tools.check.checked_run import CheckedRun
 from tca_tools.check.rules import GRANTED, LOCKED
-from tca_tools.run.fold import History
-from tca_tools.run.journals import open_log
+from tca_tools.journal.fold import History
+from tca_tools.journal.journals import open_log
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Role

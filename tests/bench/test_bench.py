@@ -7,10 +7,10 @@ import msgspec
 import pytest
 from click.testing import CliRunner
 
-from tca_bench.cases import STAGES, TASK_PEERS, Entrant, Needs, Stage, Trial, chosen
-from tca_bench.command import bench
-from tca_bench.results import Report
-from tca_bench.running import Results, lacking, run
+from dev.benchmarks.messages.cases import STAGES, TASK_PEERS, Entrant, Needs, Stage, Trial, chosen
+from dev.benchmarks.messages.command import bench
+from dev.benchmarks.messages.results import Report
+from dev.benchmarks.messages.running import Results, lacking, run
 
 QUICK = ("--quick", "--rounds", "1", "--seconds", "0.001")
 
@@ -64,7 +64,7 @@ def test_cases_are_chosen_by_name() -> None:
     assert {entry.title for entry in TASK_PEERS}.isdisjoint(one.title for one in found[0].entries)
     result = CliRunner().invoke(bench, ["--only", "nonsense"])
     assert result.exit_code == 2
-    assert "no case 'nonsense': 'tca bench --list' names them" in result.output
+    assert "no case 'nonsense': --list names them" in result.output
     assert "commands, 100 open" in CliRunner().invoke(bench, ["--list"]).stdout
 
 

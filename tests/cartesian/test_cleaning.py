@@ -16,9 +16,9 @@ from robots.cartesian_sim.guide import PATTERN
 from robots.cartesian_sim.mechanism import OVERTRAVEL, POWER_UP, Axis
 from robots.cartesian_sim.messages import WallPoint
 from robots.cartesian_sim.picture import draw
-from tca_activities import automatic, one_each, one_for_all
-from tca_activities.models.reading import read_model
-from tca_activities.models.writing import write_code
+from tca_behaviours.activities import automatic, one_each, one_for_all
+from tca_behaviours.activities.models.reading import read_model
+from tca_behaviours.activities.models.writing import write_code
 
 
 def test_the_code_is_that_of_the_model(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from robots.cartesian_sim.application import Components
 from robots.cartesian_sim.joint import Joint
 from robots.cartesian_sim.mechanism import Scene
-from tca_activities import Application, VirtualBaton
+from tca_behaviours.activities import Application, VirtualBaton
 
 
 class VirtualRobot:

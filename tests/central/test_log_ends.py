@@ -9,15 +9,15 @@ from typing import Any
 import msgspec
 import pytest
 
-from fuzz.hostile_central import beginning
-from fuzz.hostile_inputs import Daemon
+from dev.fuzz.hostile_central import beginning
+from dev.fuzz.hostile_inputs import Daemon
 from tca_central.errors import CentralError, DiskFull
 from tca_central.events import Arrived, ConnectionId
 from tca_central.shell import images, input_log
 from tca_central.shell.input_log import InputSegment
 from tca_central.shell.log_writer import Sync
 from tca_central.shell.run_folder import RunFolder
-from tca_tools.run.journals import open_log
+from tca_tools.journal.journals import open_log
 from tca_wire.journal import facts
 from tca_wire.journal.frames import framed
 

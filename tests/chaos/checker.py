@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from chaos.robot import GRIP, NOTE, SEEN, STEP, WALK, WHERE
 
-from tca_tools.run.journals import open_log
+from tca_tools.journal.journals import open_log
 from tca_wire.journal import facts
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from tca_coordination import Activity, Agent, Coordination
+from tca_behaviours.coordination import Activity, Agent, Coordination
 from tca_wire.coordination import RoleChange, TaskRole, read_report
 from tca_wire.journal.facts import Entry, Killed, Received, Returned, StateChanged
 

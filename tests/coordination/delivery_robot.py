@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from tca_coordination import (
+from tca_behaviours.coordination import (
     COORDINATION_EVENT,
     Activity,
     Agent,

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from random import Random
 
-from tca_coordination import Activity, Agent, Do, Fact, LikelyArrow, Policy, PreviewLimits, Situation
-from tca_coordination.preview.branches import BareArrow, live_variables
-from tca_coordination.preview.decide import EarlyWork, Present, WorkPhase, decide
+from tca_behaviours.coordination import Activity, Agent, Do, Fact, LikelyArrow, Policy, PreviewLimits, Situation
+from tca_behaviours.coordination.preview.branches import BareArrow, live_variables
+from tca_behaviours.coordination.preview.decide import EarlyWork, Present, WorkPhase, decide
 from tca_module import Command
 from tca_wire.coordination import Reason
 

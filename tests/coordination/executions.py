@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from coordination.conditions import activities_seen
 
-from tca_coordination import Coordination
-from tca_coordination.model.states import DONE
+from tca_behaviours.coordination import Coordination
+from tca_behaviours.coordination.model.states import DONE
 from tca_wire.coordination import CoordinationReport, read_report
 from tca_wire.journal.facts import Entry, StateChanged
 

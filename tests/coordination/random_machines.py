@@ -7,7 +7,7 @@ from random import Random
 
 from coordination.delivery_robot import Play
 
-from tca_coordination import (
+from tca_behaviours.coordination import (
     Activity,
     Agent,
     AuthoredState,
@@ -19,7 +19,7 @@ from tca_coordination import (
     Prior,
     UnsoundCoordination,
 )
-from tca_coordination.model.likelihoods import Likelihood
+from tca_behaviours.coordination.model.likelihoods import Likelihood
 from tca_module import Client, Command, Failure, Module, Task, Variable, connect
 from tca_module.testing import LocalCentral
 

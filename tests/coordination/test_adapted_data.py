@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from coordination.delivery_robot import ARM, MOVE_ARM, MOVE_BASE, Play, base, play
 
-from tca_coordination import Activity, Continuous, Coordination, Do
+from tca_behaviours.coordination import Activity, Continuous, Coordination, Do
 from tca_module import Command, Module, Task
 
 Speeds = np.ndarray[Any, np.dtype[np.float64]]

@@ -8,7 +8,7 @@ import pytest
 from coordination.delivery_robot import MOVE_ARM, MOVE_BASE, arm, base
 from integration.programs import central, program
 
-from tca_coordination import Coordination, Coordinator, count_transitions
+from tca_behaviours.coordination import Coordination, Coordinator, count_transitions
 from tca_module import Module, Outcome, Task, connect
 
 pytestmark = pytest.mark.slow
@@ -18,7 +18,7 @@ PROGRAM = """
 import sys
 sys.path.insert(0, "{tests}")
 from coordination.test_coordinator_process import reaching
-from tca_coordination import Coordinator, Discrete
+from tca_behaviours.coordination import Coordinator, Discrete
 from tca_module import Module
 
 coordinator = Coordinator(reaching(), policy=Discrete(0.5, utility=lambda candidate: candidate.probability))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tca_coordination import (
+from tca_behaviours.coordination import (
     Activity,
     Agent,
     Coordination,

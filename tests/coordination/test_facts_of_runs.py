@@ -17,7 +17,7 @@ from coordination.delivery_robot import (
     play,
 )
 
-from tca_coordination import Activity, Coordination, Discrete, Do, Perceived, Prior, Situation
+from tca_behaviours.coordination import Activity, Coordination, Discrete, Do, Perceived, Prior, Situation
 from tca_module import ExceptionHandler, Module, Task, TaskFailed, connect
 from tca_wire.coordination import read_report
 from tca_wire.journal.facts import StateChanged

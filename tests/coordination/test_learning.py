@@ -2,7 +2,7 @@
 
 from coordination.delivery_robot import BOX_B_FREE, base, delivery, play
 
-from tca_coordination import Coordination, Learned, Situation, count_transitions
+from tca_behaviours.coordination import Coordination, Learned, Situation, count_transitions
 from tca_wire.journal.facts import Entry
 
 

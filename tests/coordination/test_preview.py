@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from coordination.drawn_machines import Drawn
 
-from tca_coordination import (
+from tca_behaviours.coordination import (
     Activity,
     Agent,
     Candidate,
@@ -25,8 +25,8 @@ from tca_coordination import (
     most_likely,
     progress_only,
 )
-from tca_coordination.preview.branches import needed_later
-from tca_coordination.preview.decide import Decision, EarlyWork, Present, Start, WorkPhase, decide
+from tca_behaviours.coordination.preview.branches import needed_later
+from tca_behaviours.coordination.preview.decide import Decision, EarlyWork, Present, Start, WorkPhase, decide
 from tca_module import Command, MisuseError, Variable
 from tca_wire.coordination import Foreseen, Objection, Reason
 

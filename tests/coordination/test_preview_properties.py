@@ -7,7 +7,7 @@ from coordination.drawn_machines import Drawn, PlayedRun, drawn_machine
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tca_coordination import Continuous, Discrete, LikelyArrow, PreviewLimits, most_likely, progress_only
+from tca_behaviours.coordination import Continuous, Discrete, LikelyArrow, PreviewLimits, most_likely, progress_only
 from tca_wire.coordination import Foreseen
 
 

@@ -23,7 +23,17 @@ from coordination.delivery_robot import (
     play,
 )
 
-from tca_coordination import Activity, Agent, Continuous, Coordination, Discrete, Do, Perceived, Policy, Prior
+from tca_behaviours.coordination import (
+    Activity,
+    Agent,
+    Continuous,
+    Coordination,
+    Discrete,
+    Do,
+    Perceived,
+    Policy,
+    Prior,
+)
 from tca_module import Command, ExceptionHandler, Module, Outcome, Task, TaskFailed, connect
 
 

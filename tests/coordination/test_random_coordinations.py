@@ -9,7 +9,7 @@ from typing import Any
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from tca_coordination import (
+from tca_behaviours.coordination import (
     Activity,
     AuthoredState,
     Coordination,

@@ -11,7 +11,7 @@ from coordination.random_machines import FREE, befall, random_machine, random_ro
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tca_coordination import Coordination, Discrete, Policy
+from tca_behaviours.coordination import Coordination, Discrete, Policy
 from tca_wire.coordination import read_report
 from tca_wire.journal.facts import Entry, StateChanged
 

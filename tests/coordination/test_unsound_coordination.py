@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-import tca_coordination
+import tca_behaviours.coordination
 import tca_module
-from tca_coordination import (
+from tca_behaviours.coordination import (
     Activity,
     Agent,
     Coordination,
@@ -178,7 +178,7 @@ def test_misuse_is_refused(approve: Callable[..., None]) -> None:
     def tell(case: str) -> str:
         machine = Coordination("m")
         with pytest.raises((MisuseError, BadData)) as refused, machine:
-            eval(case, {**vars(tca_module), **vars(tca_coordination), **globals(), "m": machine})
+            eval(case, {**vars(tca_module), **vars(tca_behaviours.coordination), **globals(), "m": machine})
         return str(refused.value)
 
     approve("misuses.txt", tell)

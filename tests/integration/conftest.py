@@ -54,4 +54,4 @@ def robot(address: str) -> Iterator[list[str]]:
 def find_central(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """For commands of the tests' own process, which are more patient than people are: the machine may be busy."""
     monkeypatch.setenv("TCA_CENTRAL", address)
-    monkeypatch.setattr("tca_live.shared._PATIENCE", 20.0)
+    monkeypatch.setattr("tca_tools.live.shared._PATIENCE", 20.0)

@@ -32,8 +32,8 @@ from tca_module import (
     Variable,
     connect,
 )
-from tca_tools.run.fold import History
-from tca_tools.run.journals import open_log
+from tca_tools.journal.fold import History
+from tca_tools.journal.journals import open_log
 from tca_wire.endpoint import default_journals
 from tca_wire.journal import facts
 from tca_wire.packets import codec, headers

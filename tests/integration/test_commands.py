@@ -8,10 +8,10 @@ import pytest
 from integration.commanded import FELL, FIX, LATER, LOOK, MODE, POSE, SAY, SILENT, SOON, TICK, WALK, WHERE, Pose, tca
 
 from tca_central.order import dispatcher
-from tca_live.messages import get_variable, query, send, set_variable
-from tca_live.questions import modules, status
-from tca_live.tasks import kill, raise_failure, resume, retry, suspend, unlock
 from tca_module import Client, Failure, Module, MultiQuery, Outcome, Task, connect
+from tca_tools.live.messages import get_variable, query, send, set_variable
+from tca_tools.live.questions import modules, status
+from tca_tools.live.tasks import kill, raise_failure, resume, retry, suspend, unlock
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
 

@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner
 from integration.programs import central, program
 
-from tca_live.questions import status
 from tca_module import Goal, Outcome, connect
+from tca_tools.live.questions import status
 
 pytestmark = pytest.mark.slow
 

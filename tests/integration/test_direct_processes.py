@@ -10,8 +10,8 @@ from integration.programs import Central, central, program, tca
 from module.real_central import until
 
 from tca_module import Client, Inform, NotSent, PendingReply, Query, QueryFailed, connect
-from tca_tools.run.fold import History
-from tca_tools.run.journals import open_log
+from tca_tools.journal.fold import History
+from tca_tools.journal.journals import open_log
 
 pytestmark = pytest.mark.slow
 

@@ -11,9 +11,9 @@ import pytest
 from integration.commanded import FELL, FIX, LATER, LOOK, MOVE, SAY_MOVE, SOON, WALK, tca
 from module.real_central import until
 
-from tca_live.questions import attached
-from tca_live.tasks import detach
 from tca_module import Client, Condition, Module, connect
+from tca_tools.live.questions import attached
+from tca_tools.live.tasks import detach
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
 

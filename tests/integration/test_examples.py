@@ -21,7 +21,7 @@ PRINTED = {name: text for name, _, text in (one.partition("\n") for one in _TEXT
 
 RUNNER = """
 import gc, os, runpy, sys
-import tca_explorer, tca_module.testing
+import tca_tools.explore, tca_module.testing
 gc.freeze()  # a child's collections copy no memory
 for line in sys.stdin:
     path, address, output = line.split()

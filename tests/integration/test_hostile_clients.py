@@ -17,9 +17,9 @@ from integration.commanded import tca as ask
 from integration.programs import Central, central, tca
 
 from tca_central.events import AWAY
-from tca_live.questions import attached, messages, modules, status, variables
 from tca_module import Client, Inform, MisuseError, connect
 from tca_module.errors import BadData
+from tca_tools.live.questions import attached, messages, modules, status, variables
 from tca_wire.packets.codec import pack_item, unpack_to_module
 from tca_wire.packets.headers import PROTOCOL_VERSION, Ask, Hello, Kill, Refused, Register, Send, Unknown, Welcome
 from tca_wire.packets.parts import MessageFormat

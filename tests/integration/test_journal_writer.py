@@ -21,7 +21,7 @@ from tca_central.shell.recovery import unfinished
 from tca_central.shell.run_log import RunLog
 from tca_module import Client, Inform, TcaError, connect
 from tca_tools.errors import UnusableLog
-from tca_tools.run.journals import newest_journal, open_log
+from tca_tools.journal.journals import newest_journal, open_log
 from tca_wire.journal.facts import Closed, Dropped, Entry, Opened
 
 NOTE = Inform("note", bytes)

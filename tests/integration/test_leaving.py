@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from integration.programs import Central, central, program
 
-from tca_tools.run.journals import open_log
+from tca_tools.journal.journals import open_log
 from tca_wire.journal import facts
 
 pytestmark = pytest.mark.slow

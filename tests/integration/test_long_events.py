@@ -7,7 +7,7 @@ import pytest
 from integration.programs import central, program
 
 from tca_module import CentralLost, Client, Command, Goal, Outcome, Query, SentTask, connect
-from tca_tools.run.journals import open_log
+from tca_tools.journal.journals import open_log
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
 from tca_wire.packets import headers

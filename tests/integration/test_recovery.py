@@ -28,7 +28,7 @@ from tca_central.shell.recovery import recover, unfinished
 from tca_central.shell.run_folder import RunFolder
 from tca_central.shell.server import Daemon
 from tca_module import Client, Command, Query, TaskFailed, Timeout, Variable, connect
-from tca_tools.run.journals import open_log
+from tca_tools.journal.journals import open_log
 from tca_wire.journal import facts
 from tca_wire.journal.records import record
 from tca_wire.packets import codec

@@ -13,9 +13,9 @@ from click.testing import CliRunner
 from robots.ambler_sim.run.rules import FOOTFALL, PLANNED_AHEAD, RULES, STABILITY
 from tca_tools.check.__main__ import check
 from tca_tools.check.rules import RULES as RULES_OF_TASKS
-from tca_tools.run.fold import History
-from tca_tools.run.journals import open_log
-from tca_tools.run.records import Task, TaskState
+from tca_tools.journal.fold import History
+from tca_tools.journal.journals import open_log
+from tca_tools.journal.records import Task, TaskState
 from tca_wire.vocabulary import Outcome, Role
 
 pytestmark = pytest.mark.slow

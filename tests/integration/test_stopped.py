@@ -14,7 +14,7 @@ from integration.programs import Central, central, program
 from module.real_central import until
 
 from tca_module import CentralLost, Command, Module, MultiQuery, Outcome, Query, TaskFailed, Timeout, Variable, connect
-from tca_tools.run.journals import open_log
+from tca_tools.journal.journals import open_log
 from tca_wire.journal import facts
 from tca_wire.packets import codec, headers
 

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from integration.programs import central, program
 from integration.terminal import Terminal, terminal
 
-from tca_live.top import top
+from tca_tools.live.top import top
 
 pytestmark = pytest.mark.slow
 
@@ -33,7 +33,7 @@ ROBOT = """
 
 def top_in_terminal(address: str, *options: str) -> AbstractContextManager[Terminal]:
     where = ("--central", address) if address else ()
-    return terminal([sys.executable, "-m", "tca_live.top", *where, *options])
+    return terminal([sys.executable, "-m", "tca_tools.live.top", *where, *options])
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_one_frame_for_scripts(address: str) -> None:
 
 
 def test_wrong_usage_is_one_line(address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tca_live.shared._PATIENCE", 0.2)
+    monkeypatch.setattr("tca_tools.live.shared._PATIENCE", 0.2)
     for options, code, why in (
         (("--json",), 2, "ask for --once, too"),
         (("--every", "0"), 2, "--every"),

@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from tca_tools.check.__main__ import check
-from tca_tools.run.fold import History
-from tca_tools.run.journals import open_log
+from tca_tools.journal.fold import History
+from tca_tools.journal.journals import open_log
 from tca_wire.points import Moment
 
 pytestmark = pytest.mark.slow

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import pytest
 from integration.commanded import SOON, tca
 
-from tca_live import shared, states
-from tca_live.states import cancel, update, watch
 from tca_module import (
     BASIC,
     GENERAL,
@@ -27,6 +25,8 @@ from tca_module import (
 )
 from tca_module.sending.task_ref import Change
 from tca_module.testing import LocalCentral
+from tca_tools.live import shared, states
+from tca_tools.live.states import cancel, update, watch
 
 PAUSABLE = LifeCycle(
     "pausable", [*GENERAL.transitions, Transition("pause", "running", "paused", Party.CLIENT), *ending("paused")]

@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from tca_live.shared import as_json
-from tca_live.top_frame import frame, plain_frame
+from tca_tools.live.shared import as_json
+from tca_tools.live.top_frame import frame, plain_frame
 from tca_wire.points import Moment
 from tca_wire.waits import Waiter, WaitFor, WaitKind
 
@@ -18,7 +18,7 @@ pytest.importorskip("rich")
 
 from rich.console import Console
 
-from tca_live.top_screen import screen
+from tca_tools.live.top_screen import screen
 
 
 def plain(waiter: Waiter) -> dict[str, Any]:

@@ -12,8 +12,8 @@ from click.testing import CliRunner
 from module.real_central import RealCentral
 from module.robot import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 
-from tca_live import questions as commands
 from tca_module import Module, Variable, connect
+from tca_tools.live import questions as commands
 from tca_wire.text.measures import duration
 
 SOON = 10.0
@@ -168,7 +168,7 @@ def test_values_that_json_cannot_say(central: str) -> None:
 
 
 def test_without_central_the_answer_is_one_line(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tca_live.shared._PATIENCE", 0.2)
+    monkeypatch.setattr("tca_tools.live.shared._PATIENCE", 0.2)
     code, text = ask(commands.status, "--central", address)
     assert code == 1
     assert text.splitlines() == [

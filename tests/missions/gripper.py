@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from tca_missions import Environment, OnceTask, PeriodicTask, Status, TaskEnd, TaskServer, parameter
+from tca_behaviours.missions import Environment, OnceTask, PeriodicTask, Status, TaskEnd, TaskServer, parameter
 from tca_module import Client, SentTask, connect
 from tca_module.testing import LocalCentral
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Literal
 
-from tca_missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, parameter
+from tca_behaviours.missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, parameter
 from tca_module import Failure
 from tca_module.testing import LocalCentral
 

@@ -5,11 +5,20 @@ from integration.commanded import tca
 from missions.gripper import Gripper, serving
 from module.real_central import until
 
-from tca_live import shared
-from tca_live.states import update
-from tca_missions import Environment, OnceTask, PeriodicTask, Status, TaskEnd, TaskServer, TaskStatus, parameter
+from tca_behaviours.missions import (
+    Environment,
+    OnceTask,
+    PeriodicTask,
+    Status,
+    TaskEnd,
+    TaskServer,
+    TaskStatus,
+    parameter,
+)
 from tca_module import BadData, Rejected, TaskFailed, connect
 from tca_module.testing import LocalCentral
+from tca_tools.live import shared
+from tca_tools.live.states import update
 from tca_wire.journal.facts import StateChanged
 
 

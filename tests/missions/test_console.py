@@ -10,11 +10,11 @@ from integration.terminal import terminal
 from missions.rover import TASKS, Rover, rover
 from module.real_central import RealCentral, until
 
-from tca_missions import Mission, TaskServer
-from tca_missions.console.command import console
-from tca_missions.console.names import ConsoleNames
+from tca_behaviours.missions import Mission, TaskServer
+from tca_behaviours.missions.console.command import console
+from tca_behaviours.missions.console.names import ConsoleNames
 
-CONSOLE = [sys.executable, "-c", "from tca_missions.console.command import console; console()"]
+CONSOLE = [sys.executable, "-c", "from tca_behaviours.missions.console.command import console; console()"]
 
 
 @pytest.mark.slow
@@ -78,7 +78,7 @@ def test_what_can_be_typed() -> None:
 @pytest.fixture
 def without_ipython(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "IPython.terminal.embed", None)
-    monkeypatch.delitem(sys.modules, "tca_missions.console.shell", raising=False)
+    monkeypatch.delitem(sys.modules, "tca_behaviours.missions.console.shell", raising=False)
 
 
 @pytest.mark.usefixtures("without_ipython")

@@ -5,8 +5,8 @@ from contextlib import suppress
 import pytest
 from missions.gripper import Gripper, serving
 
-from tca_missions import OnceTask, PeriodicTask, Status, TaskServer
-from tca_missions.serving import run
+from tca_behaviours.missions import OnceTask, PeriodicTask, Status, TaskServer
+from tca_behaviours.missions.serving import run
 from tca_module import Inform, Module, Task, connect
 from tca_module.testing import LocalCentral
 

@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 from missions.gripper import Grasp, Gripper, Turn, serving
 
-from tca_missions import Environment, Idle, OnceTask, PeriodicTask, Status, TaskServer
-from tca_missions.serving import finding
+from tca_behaviours.missions import Environment, Idle, OnceTask, PeriodicTask, Status, TaskServer
+from tca_behaviours.missions.serving import finding
 from tca_module import MisuseError
 
 WAVE = '''
 from missions.gripper import Gripper
-from tca_missions import PeriodicTask, Status
-from tca_missions.serving.definition import OnceTask
+from tca_behaviours.missions import PeriodicTask, Status
+from tca_behaviours.missions.serving.definition import OnceTask
 
 class _Base(PeriodicTask[Gripper]):
     times: int = 2

@@ -7,7 +7,7 @@ import pytest
 from missions.gripper import Brake, Grasp, Gripper, Robot, Turn, serving
 from module.real_central import until
 
-from tca_missions import Idle, OnceTask, Status, TaskEnd
+from tca_behaviours.missions import Idle, OnceTask, Status, TaskEnd
 from tca_module import Outcome, SentTask, TaskFailed, TaskKilled
 
 

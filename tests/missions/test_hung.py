@@ -9,8 +9,8 @@ import pytest
 from missions.gripper import Gripper, serving
 from module.real_central import until
 
-import tca_missions.client.stopping as stopping_module
-from tca_missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, Timeout
+import tca_behaviours.missions.client.stopping as stopping_module
+from tca_behaviours.missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, Timeout
 from tca_module.testing import LocalCentral
 
 
@@ -67,7 +67,7 @@ def warnings(caplog: pytest.LogCaptureFixture) -> list[str]:
 def impatient(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     for name in ("LOOKS_EVERY", "_PATIENCE"):
         monkeypatch.setattr(stopping_module, name, 0.02)
-    monkeypatch.setattr("tca_missions.client.mission.LOOKS_EVERY", 0.02)
+    monkeypatch.setattr("tca_behaviours.missions.client.mission.LOOKS_EVERY", 0.02)
     caplog.set_level(logging.WARNING, "tca")
 
 
@@ -85,7 +85,7 @@ def test_a_mission_says_once_that_it_waits_for_a_task_that_was_stopped(caplog: p
 def test_the_server_says_once_that_iterate_does_not_return(
     task: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tca_missions.serving.run._RETURNS_WITHIN", 0.02)
+    monkeypatch.setattr("tca_behaviours.missions.serving.run._RETURNS_WITHIN", 0.02)
 
     def said() -> list[str]:
         return [one.getMessage() for one in caplog.records if one.name == "tca.stuck"]

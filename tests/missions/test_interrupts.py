@@ -7,9 +7,9 @@ from contextlib import contextmanager
 import pytest
 from missions.rover import rover
 
-from tca_missions import Mission
-from tca_missions.client import mission as client
-from tca_missions.client.interrupts import interrupt_held
+from tca_behaviours.missions import Mission
+from tca_behaviours.missions.client import mission as client
+from tca_behaviours.missions.client.interrupts import interrupt_held
 
 
 def test_a_task_that_is_sent_as_ctrl_c_is_pressed_has_stopped_when_the_call_returns(

@@ -10,12 +10,12 @@ from integration.programs import central, program
 from missions.gripper import Brake, serving
 from module.real_central import SOON, until
 
-from tca_missions import Environment, Idle, PeriodicTask, Status, TaskServer
+from tca_behaviours.missions import Environment, Idle, PeriodicTask, Status, TaskServer
 from tca_module import Module, TaskFailed, connect
 from tca_module.testing import LocalCentral
 
 SERVER = """
-from tca_missions import Environment, PeriodicTask, Status, TaskServer
+from tca_behaviours.missions import Environment, PeriodicTask, Status, TaskServer
 
 class Drive(PeriodicTask[Environment]):
     def iterate(self) -> Status:

@@ -10,7 +10,7 @@ import pytest
 from missions.rover import TASKS, Rover, mission_of_rover, rover
 from module.real_central import until
 
-from tca_missions import (
+from tca_behaviours.missions import (
     BadParameter,
     ConditionIsCompleted,
     ConditionVerified,

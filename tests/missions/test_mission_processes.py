@@ -16,7 +16,7 @@ from integration.programs import program
 from missions.rover import TASKS, Rover
 from module.real_central import RealCentral, until
 
-from tca_missions import Mission, StepUncertain, TaskServer
+from tca_behaviours.missions import Mission, StepUncertain, TaskServer
 from tca_module import connect
 
 pytestmark = pytest.mark.slow
@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[2]
 TRIP = """
     import signal
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    from tca_missions import Mission
+    from tca_behaviours.missions import Mission
 
     with Mission("rover", name="trip", checkpoint="trip.steps", leave_running={stays}) as mission:
         mission.step("out", mission.Drive, x=1.0)
@@ -116,7 +116,7 @@ def test_the_two_programs_of_the_page_run_as_they_are_printed(tmp_path: Path) ->
     """A reader copies them from docs/missions.md."""
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "missions.md").read_text(), re.DOTALL)
     (server,) = [block for block in blocks if ".run()" in block]
-    (mission,) = [block for block in blocks if block.startswith("from tca_missions import Mission\n")]
+    (mission,) = [block for block in blocks if block.startswith("from tca_behaviours.missions import Mission\n")]
     with RealCentral(f"ipc://{tmp_path}/central.sock") as central, contextlib.ExitStack() as stack:
         serving = stack.enter_context(program(server, central.address))
         going = stack.enter_context(program(mission, central.address))

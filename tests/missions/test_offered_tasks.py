@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from tca_missions.client.offered_task import offered_tasks
-from tca_missions.client.stub import stub_text
+from tca_behaviours.missions.client.offered_task import offered_tasks
+from tca_behaviours.missions.client.stub import stub_text
 from tca_module import MessageInfo
 from tca_wire.messages.formats import MISSION_TASK
 

@@ -10,13 +10,13 @@ from missions.rover import rover
 from msgspec.structs import replace
 from tools.runs import checked
 
-from tca_missions import Environment, Mission, MissionTaskFailed, OnceTask, Status, TaskEnd, TaskServer
+from tca_behaviours.missions import Environment, Mission, MissionTaskFailed, OnceTask, Status, TaskEnd, TaskServer
 from tca_module import Command, Failure, Module, Outcome, Task, connect
 from tca_module.testing import LocalCentral
 from tca_tools.check.rules import MISSION
-from tca_tools.run.fold import History
-from tca_tools.run.lives import life_of
-from tca_tools.run.records import TaskState
+from tca_tools.journal.fold import History
+from tca_tools.journal.lives import life_of
+from tca_tools.journal.records import TaskState
 from tca_wire.journal import facts
 
 FAILURES: list[dict[str, Any]] = [{"fails": "rock"}, {"fails": "never", "task_timeout": 0.02}, {"fails": "initialise"}]

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-import tca_missions
-from tca_missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, parameter
+import tca_behaviours.missions
+from tca_behaviours.missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, parameter
 from tca_module import connect
 from tca_module.testing import LocalCentral
 
 DOCS = Path(__file__).parents[2] / "docs"
-PATROL = "from tca_missions import ConditionIsCompleted, ConditionVerified, Mission\n"
+PATROL = "from tca_behaviours.missions import ConditionIsCompleted, ConditionVerified, Mission\n"
 UNDER_WAY = '{"steps_of":"test","version":2}\n{"step":"to the kitchen","is":"begun"}\n'
 
 
@@ -72,29 +72,31 @@ def cart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cart]:
     monkeypatch.chdir(tmp_path)
     with LocalCentral() as central:
         cart = Cart()
-        monkeypatch.setattr(tca_missions, "Mission", functools.partial(Mission, central=central, name="test"))
+        monkeypatch.setattr(
+            tca_behaviours.missions, "Mission", functools.partial(Mission, central=central, name="test")
+        )
         with TaskServer("cart", cart, [Drive, Photograph, WaitForRain], rate=100.0, central=central).running():
             yield cart
 
 
 def run(beginning: str, **names: Any) -> None:
     code = block("missions.md", beginning)
-    exec(code, {**vars(tca_missions), **names})
+    exec(code, {**vars(tca_behaviours.missions), **names})
 
 
 def run_in_mission(beginning: str, **names: Any) -> None:
-    with tca_missions.Mission("cart", checkpoint="test.steps") as mission:
+    with tca_behaviours.missions.Mission("cart", checkpoint="test.steps") as mission:
         run(beginning, mission=mission, **names)
 
 
 def test_the_imports_are_all_that_the_page_names() -> None:
     page = (DOCS / "missions.md").read_text()
     imported = set[str]()
-    for words in re.findall(r"^from tca_missions import (\([^)]*\)|.*)$", page, re.MULTILINE):
+    for words in re.findall(r"^from tca_behaviours.missions import (\([^)]*\)|.*)$", page, re.MULTILINE):
         imported |= set(re.findall(r"\w+", words))
-    named = {name for name in tca_missions.__all__ if re.search(rf"\b{name}\b", page)}
+    named = {name for name in tca_behaviours.missions.__all__ if re.search(rf"\b{name}\b", page)}
     assert named - imported == set()
-    assert imported - set(tca_missions.__all__) == set()
+    assert imported - set(tca_behaviours.missions.__all__) == set()
 
 
 def test_a_patrol_that_was_killed_is_interrupted_by_rain_all_the_same(
@@ -132,8 +134,8 @@ def test_the_short_pieces_run(cart: Cart) -> None:
 
 
 def test_a_task_that_runs_once_and_the_test_of_a_task() -> None:
-    names: dict[str, Any] = {**vars(tca_missions), "__name__": __name__}
-    for beginning in ("from tca_missions import Environment, Mission", "class OpenDoor("):
+    names: dict[str, Any] = {**vars(tca_behaviours.missions), "__name__": __name__}
+    for beginning in ("from tca_behaviours.missions import Environment, Mission", "class OpenDoor("):
         exec(block("task-servers.md", beginning), names)
     exec(block("task-servers.md", "from tca_module import connect\n"), names)
     with LocalCentral(stepped=True) as central, connect("test", central) as user:

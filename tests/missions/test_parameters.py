@@ -8,7 +8,7 @@ import pytest
 from missions.gripper import Gripper, Robot, Turn, serving
 from msgspec import Meta
 
-from tca_missions import Environment, OnceTask, PeriodicTask, TaskServer, parameter
+from tca_behaviours.missions import Environment, OnceTask, PeriodicTask, TaskServer, parameter
 from tca_module import BadData, BadFormat
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from missions.gripper import Gripper, serving
 
-from tca_missions import PeriodicTask, Status, parameter
+from tca_behaviours.missions import PeriodicTask, Status, parameter
 from tca_module.period import Period
 
 

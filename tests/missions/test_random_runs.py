@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from missions.gripper import Gripper, Robot, serving
 
-from tca_missions import Idle, OnceTask, PeriodicTask, Status
+from tca_behaviours.missions import Idle, OnceTask, PeriodicTask, Status
 from tca_module import Refused, Rejected, SentTask
 
 SECONDS = st.sampled_from([0.0, 0.05, 0.1, 0.25])

@@ -5,7 +5,7 @@ import logging
 import pytest
 from missions.gripper import Gripper, serving
 
-from tca_missions import (
+from tca_behaviours.missions import (
     MISSION_TASK_FAILED,
     MISSION_TASK_INITIALISATION_FAILED,
     MISSION_TASK_TIMEOUT,

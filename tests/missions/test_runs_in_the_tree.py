@@ -2,7 +2,7 @@
 
 from missions.gripper import Gripper, serving
 
-from tca_missions import MISSION_TASK_FAILED, OnceTask, PeriodicTask, Status
+from tca_behaviours.missions import MISSION_TASK_FAILED, OnceTask, PeriodicTask, Status
 from tca_module import ExceptionHandler, Goal, Module, Outcome, Task
 
 AGAIN, PICK = ExceptionHandler("again"), Goal("pick")

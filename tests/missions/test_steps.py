@@ -11,7 +11,7 @@ from typing import Any, cast
 import pytest
 from missions.rover import Rover, rover
 
-from tca_missions import Mission, MissionTaskFailed, Status, StepUncertain, TaskEnd
+from tca_behaviours.missions import Mission, MissionTaskFailed, Status, StepUncertain, TaskEnd
 from tca_module import MisuseError
 from tca_module.testing import LocalCentral
 

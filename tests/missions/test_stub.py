@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from missions.rover import mission_of_rover
 
-from tca_missions.client.stub import class_name, stub_text
+from tca_behaviours.missions.client.stub import class_name, stub_text
 
 ROOT = Path(__file__).parents[2]
 
 GOOD = """
 from rover_tasks import RoverMission
-from tca_missions import ConditionIsCompleted, TaskEnd, TaskHandle
+from tca_behaviours.missions import ConditionIsCompleted, TaskEnd, TaskHandle
 
 with RoverMission() as mission:
     end: TaskEnd = mission.Drive(x=1.0, gear="fast")

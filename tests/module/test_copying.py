@@ -11,12 +11,18 @@ from typing import Any, get_type_hints
 import pytest
 
 import tca_module
-from tca_missions.outcomes import Status, TaskEnd
+from tca_behaviours.missions.outcomes import Status, TaskEnd
 from tca_module import Client, Command, DemonMonitor, Failure, MisuseError, Module, Task
 from tca_wire.vocabulary import Refusal
 
-PACKAGES = ("tca_wire", "tca_module", "tca_missions", "tca_coordination", "tca_activities")
-OTHERS = ("tca_central.errors", "tca_tools.errors", "tca_explorer.errors")
+PACKAGES = (
+    "tca_wire",
+    "tca_module",
+    "tca_behaviours.missions",
+    "tca_behaviours.coordination",
+    "tca_behaviours.activities",
+)
+OTHERS = ("tca_central.errors", "tca_tools.errors", "tca_tools.explore.errors")
 VALUES = {int: 3, bytes: b"\x01", Refusal: Refusal.OVERLOAD, TaskEnd: TaskEnd(Status.TIMEOUT, "slow")}
 
 BOUNCED = Failure("bounced", list[int])

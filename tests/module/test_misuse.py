@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from module.real_central import SOON
 
-import tca_explorer
 import tca_module
+import tca_tools.explore
 from tca_module import (
     BadData,
     BadFormat,
@@ -465,7 +465,7 @@ def test_none_is_none_given(central: LocalCentral, sender: Client) -> None:
 
 PUBLIC: dict[str, type] = {
     f"{package.__name__}.{name}": thing
-    for package in (tca_module, tca_explorer)
+    for package in (tca_module, tca_tools.explore)
     for name in package.__all__
     if isinstance(thing := getattr(package, name), type)
 } | {"tca_module.testing.LocalCentral": LocalCentral}
@@ -474,7 +474,7 @@ WRITTEN = [
     tca_module.Goal, tca_module.Command, tca_module.Query, tca_module.MultiQuery, tca_module.Inform,
     tca_module.Broadcast, tca_module.Variable, tca_module.ExceptionHandler, tca_module.PointMonitor,
     tca_module.PollingMonitor, tca_module.DemonMonitor, tca_module.Failure, tca_module.Module, LocalCentral,
-    tca_explorer.Scenario, tca_explorer.Property,
+    tca_tools.explore.Scenario, tca_tools.explore.Property,
 ]  # fmt: skip
 """What users write themselves."""
 

@@ -27,7 +27,7 @@ from tca_module import (
     Timeout,
 )
 from tca_module.testing import LocalCentral
-from tca_tools.run.fold import History
+from tca_tools.journal.fold import History
 from tca_wire.journal.facts import Awaited, Delivered, Dropped, Failed, Received, Returned
 
 

@@ -15,14 +15,14 @@ import pytest
 from module.real_central import SOON, until
 from tools.runs import OPENED, checked
 
-from tca_missions import Environment, Mission, OnceTask, Status, TaskEnd, TaskServer
+from tca_behaviours.missions import Environment, Mission, OnceTask, Status, TaskEnd, TaskServer
 from tca_module import Client, Command, Inform, Module, MultiQuery, Query, SentTask, Task, wait_for_any
 from tca_module.serving import coroutine_waits
 from tca_module.testing import LocalCentral
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fold import History
-from tca_tools.why.wait_words import told
-from tca_tools.why.waits import waits_of
+from tca_tools.explain.wait_words import told
+from tca_tools.explain.waits import waits_of
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fold import History
 from tca_wire.journal.facts import RequestRefused
 from tca_wire.vocabulary import Refusal
 from tca_wire.waits import WaitKind

@@ -3,7 +3,7 @@
 from central.player import Player
 
 from tca_central.events import Effect, Record
-from tca_tools.run.fold import History
+from tca_tools.journal.fold import History
 
 
 class Folding(Player):

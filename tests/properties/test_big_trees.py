@@ -3,8 +3,8 @@
 import pytest
 from central.player import Player, before, point
 
-from benchmarks.core_control import Steered
-from benchmarks.core_events import USER
+from dev.benchmarks.core_control import Steered
+from dev.benchmarks.core_events import USER
 from tca_central.model.task_tree import Task
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Constrained

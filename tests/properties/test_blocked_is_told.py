@@ -10,7 +10,7 @@ from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim
 from tca_central.state import Collector, PresenceWait, TaskWait
-from tca_tools.run.fold import History
+from tca_tools.journal.fold import History
 from tca_wire.packets import headers
 from tca_wire.points import Moment
 

@@ -13,11 +13,11 @@ from properties.life import Life, operation
 from properties.test_blocked_is_told import Told, steps
 
 from tca_tools.analysis.failures import failures
-from tca_tools.run.fates import Failing, Fate, failing, fate, is_told, told_to, went_on
-from tca_tools.run.records import Handling, Message, Task
-from tca_tools.run.whole_run import Run
+from tca_tools.explain.story import story
+from tca_tools.journal.fates import Failing, Fate, failing, fate, is_told, told_to, went_on
+from tca_tools.journal.records import Handling, Message, Task
+from tca_tools.journal.whole_run import Run
 from tca_tools.tasktree_viz.failing import failure_chain
-from tca_tools.why.story import story
 from tca_wire.journal import facts
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role

@@ -17,10 +17,10 @@ from tca_central.core import Central
 from tca_central.events import Effect
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.resources import Claim as Wanted
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fold import History
-from tca_tools.why.ends import MOST, End, Ends
-from tca_tools.why.wait import Node
+from tca_tools.explain.ends import MOST, End, Ends
+from tca_tools.explain.wait import Node
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fold import History
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Killed
 from tca_wire.packets import headers

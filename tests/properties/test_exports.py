@@ -15,7 +15,7 @@ from tools.trace_reader import read_trace
 from tca_tools.export.mcap_file import write_mcap
 from tca_tools.export.tables import TABLES
 from tca_tools.export.trace.packets import write_trace
-from tca_tools.run.fold import History
+from tca_tools.journal.fold import History
 from tca_tools.stats.measure import measure
 from tca_wire.journal.facts import Entry
 

@@ -11,8 +11,8 @@ from properties.life import OPERATIONS, Life, small
 from tools.runs import OPENED, TRANSCRIPTS, checked
 
 from tca_central.model.task_tree import Task
-from tca_tools.run.fold import History
-from tca_tools.run.lives import life_at
+from tca_tools.journal.fold import History
+from tca_tools.journal.lives import life_at
 from tca_wire.life_cycles import GENERAL
 from tca_wire.packets.headers import Register
 from tca_wire.vocabulary import Party

@@ -17,11 +17,11 @@ from tca_central.needs.graph import Group, Node, needs
 from tca_central.needs.waits import Ends as CentralEnds
 from tca_central.needs.waits import next_of, waits_of
 from tca_central.order.cycles import Place, predecessors
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import TaskState
-from tca_tools.why.ends import Ends
-from tca_tools.why.wait_words import told
-from tca_tools.why.waits import next_node, waits_now
+from tca_tools.explain.ends import Ends
+from tca_tools.explain.wait_words import told
+from tca_tools.explain.waits import next_node, waits_now
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.records import TaskState
 from tca_wire.points import END_ACHIEVING, END_HANDLING, ROOT, STARTS
 from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitFor, WaitKind

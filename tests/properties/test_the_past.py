@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from properties.folded import FoldedPlayer
 from properties.life import Life, operation
 
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fates import HANDLED
+from tca_tools.explain.story import story
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fates import HANDLED
 from tca_tools.tasktree_viz.outline import whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
-from tca_tools.why.story import story
 from tca_wire.points import MOMENTS, Point, TaskId
 
 FIELDS = ("state", "failure", "why_killed", "body", "result", "failure_data", "caught_by", "reached", "children",

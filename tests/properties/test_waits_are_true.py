@@ -20,12 +20,12 @@ from tca_central.needs.waits import NAMED, next_of
 from tca_central.needs.waits import Ends as CentralEnds
 from tca_central.needs.waits import waits_of as told_by_central
 from tca_central.order.cycles import Place
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fold import History
-from tca_tools.why.ends import Ends
-from tca_tools.why.wait import Node
-from tca_tools.why.wait_words import reasons
-from tca_tools.why.waits import keeping, next_node, steps, waits_of
+from tca_tools.explain.ends import Ends
+from tca_tools.explain.wait import Node
+from tca_tools.explain.wait_words import reasons
+from tca_tools.explain.waits import keeping, next_node, steps, waits_of
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fold import History
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions

@@ -11,13 +11,13 @@ from random import Random
 
 import pytest
 from integration.programs import run
-from run.robots import HASTY, kill, robot
 from simulation.life import Life
 from simulation.options import FEATURES, Options
+from supervise.robots import HASTY, kill, robot
 
 from tca_central.shell.log_writer import Sync
 from tca_module import Command, Module, Refused, connect
-from tca_tools.run.journals import open_log
+from tca_tools.journal.journals import open_log
 from tca_wire.journal.facts import Received
 from tca_wire.vocabulary import DISK_FULL
 

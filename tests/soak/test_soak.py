@@ -9,8 +9,8 @@ from integration.test_walk import walk
 
 from robots.ambler_sim.run.figures import Figures
 from tca_module import Goal, Module, Outcome, Task
-from tca_tools.run.fold import History
-from tca_tools.run.journals import open_log
+from tca_tools.journal.fold import History
+from tca_tools.journal.journals import open_log
 
 pytestmark = pytest.mark.soak
 

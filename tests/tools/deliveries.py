@@ -6,7 +6,7 @@ from coordination.delivery_robot import AS_SOON_AS_LIKELY, HOME, arm, delivery, 
 from coordination.test_previews import fork
 from tools.runs import OPENED
 
-from tca_coordination import Coordination, Policy
+from tca_behaviours.coordination import Coordination, Policy
 from tca_wire.journal.facts import Entry
 from tca_wire.journal.records import record
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from tca_tools.run.fold import History
+from tca_tools.journal.fold import History
 from tca_wire.constraints import Constraint, delay_planning, plan_ahead, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request

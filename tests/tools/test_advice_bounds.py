@@ -22,10 +22,10 @@ from tca_tools.analysis.critical_path import critical_path, last_task, longest_t
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.resources import uses
 from tca_tools.analysis.summary import summary
+from tca_tools.journal.fold import History
+from tca_tools.journal.records import Task
+from tca_tools.journal.whole_run import Run
 from tca_tools.report.contents import contents
-from tca_tools.run.fold import History
-from tca_tools.run.records import Task
-from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover
 from tca_wire.constraints import Constraint, delay_planning, plan_ahead, sequential_achievement
 from tca_wire.journal import facts

@@ -10,13 +10,13 @@ from click.testing import Result
 from coordination.delivery_robot import AS_SOON_AS_LIKELY
 from tools.deliveries import deliver, figure_7, held_up, killed, too_late, undone, written
 
-from tca_coordination import Discrete
+from tca_behaviours.coordination import Discrete
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path
 from tca_tools.gantt.chart import Bar
-from tca_tools.run.coordinators import coordinators, gain, gains
-from tca_tools.run.fold import folded
-from tca_tools.run.journals import open_log
+from tca_tools.journal.coordinators import coordinators, gain, gains
+from tca_tools.journal.fold import folded
+from tca_tools.journal.journals import open_log
 from tca_tools.schedule.build import AgentSchedule, schedules
 
 Tca = Callable[..., Result]

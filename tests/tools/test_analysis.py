@@ -16,10 +16,10 @@ from tca_tools.analysis.failures import failures
 from tca_tools.analysis.long_waits import long_waits as waits
 from tca_tools.analysis.resources import uses
 from tca_tools.analysis.summary import span_of, summary
+from tca_tools.journal.fates import Fate
+from tca_tools.journal.records import TaskState
+from tca_tools.journal.whole_run import Run
 from tca_tools.report.contents import contents
-from tca_tools.run.fates import Fate
-from tca_tools.run.records import TaskState
-from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover, levels
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId

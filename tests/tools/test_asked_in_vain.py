@@ -10,16 +10,16 @@ from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.long_waits import long_waits as waits
 from tca_tools.analysis.step_words import why_then
+from tca_tools.explain.story import story as story_of
+from tca_tools.explain.wait_words import in_the_end
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fates import Fate
+from tca_tools.journal.fold import History
+from tca_tools.journal.whole_run import Run
 from tca_tools.log.classic import classic_lines
 from tca_tools.report.contents import contents
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fates import Fate
-from tca_tools.run.fold import History
-from tca_tools.run.whole_run import Run
 from tca_tools.stats.measure import measure
 from tca_tools.tasktree_viz import words
-from tca_tools.why.story import story as story_of
-from tca_tools.why.wait_words import in_the_end
 from tca_wire.constraints import Flags, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.packets import headers

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tca_missions.charts import Sequence, StateMachine
+from tca_behaviours.missions.charts import Sequence, StateMachine
 from tca_module import MisuseError
 from tca_tools.drawing.chart_dot import chart_dot
 

@@ -6,13 +6,13 @@ import pytest
 from tools.runs import encoded, walk
 from tools.test_check_command import run, written
 
-from tca_explorer import Scenario
-from tca_explorer.errors import ScenarioError
-from tca_properties import BadProperty, in_all_cases, in_at_least
-from tca_tools.run.fold import History
+from tca_tools.explore import Scenario
+from tca_tools.explore.errors import ScenarioError
+from tca_tools.journal.fold import History
+from tca_tools.properties import BadProperty, in_all_cases, in_at_least
 
 FILE = """
-from tca_properties import in_all_cases, in_at_least
+from tca_tools.properties import in_all_cases, in_at_least
 
 def step_has_moves(run):
     for task in run.tasks.values():
@@ -69,7 +69,7 @@ def test_of_a_run_that_is_not_known_whole_nothing_is_said(tmp_path: Path, file: 
 @pytest.mark.parametrize("case", ["task", "(task, 1)", "(task.id, True)", "(task, True, 'why')"])
 def test_a_case_is_a_message_and_a_truth_value(journal: Path, tmp_path: Path, case: str) -> None:
     file = tmp_path / "properties.py"
-    file.write_text("from tca_properties import in_all_cases\ndef it(run):\n    for task in run.tasks.values():\n"
+    file.write_text("from tca_tools.properties import in_all_cases\ndef it(run):\n    for task in run.tasks.values():\n"
                     f"        yield {case}\nIT = in_all_cases(it)\n")  # fmt: skip
     result = run(journal, file)
     assert (result.exit_code, result.stdout) == (2, "")
@@ -89,7 +89,7 @@ def test_a_share_is_from_0_to_1(share: object) -> None:
 
 def test_of_too_few_cases_a_share_is_not_judged(journal: Path, tmp_path: Path) -> None:
     file = tmp_path / "properties.py"
-    file.write_text("from tca_properties import in_at_least\ndef it(run):\n    for task in run.tasks.values():\n"
+    file.write_text("from tca_tools.properties import in_at_least\ndef it(run):\n    for task in run.tasks.values():\n"
                     "        yield task, False\nFEW = in_at_least(0.9, it, fewest=100)\n")  # fmt: skip
     result = run(journal, file)
     assert result.exit_code == 0

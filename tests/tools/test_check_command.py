@@ -13,9 +13,9 @@ from click.testing import CliRunner, Result
 from tools.runs import OPENED, encoded, lost, walk
 from tools.story import Story
 
-from tca_properties import BadProperty, property_from
 from tca_tools.check.__main__ import check
 from tca_tools.check.rules import RULES
+from tca_tools.properties import BadProperty, property_from
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
 from tca_wire.journal.facts import JOURNAL_VERSION, Closed, Entry, kind_of
@@ -186,9 +186,9 @@ def test_a_name_that_the_journal_does_not_have(journal: Path) -> None:
 
 
 FILE = """
-from tca_explorer import World, achieved, at_most, before, begun, handled, never_stuck, planned_ahead, within
+from tca_tools.explore import World, achieved, at_most, before, begun, handled, never_stuck, planned_ahead, within
 from tca_module import Command, Goal
-import tca_properties as properties
+import tca_tools.properties as properties
 
 STEP, MOVE = Goal("step", int), Command("move", int)
 
@@ -233,7 +233,7 @@ def test_properties_from_a_file_are_the_explorer_s_too(journal: Path, tmp_path: 
 def test_a_file_of_properties_imports_what_lies_beside_it(journal: Path, tmp_path: Path) -> None:
     (tmp_path / "walking_messages.py").write_text("from tca_module import Goal\nSTEP = Goal('step', int)\n")
     file = tmp_path / "properties.py"
-    file.write_text("from tca_explorer import at_most, planned_ahead\nfrom walking_messages import STEP\n"
+    file.write_text("from tca_tools.explore import at_most, planned_ahead\nfrom walking_messages import STEP\n"
                     "AHEAD = at_most(1, planned_ahead(STEP))\n")  # fmt: skip
     result = run(journal, file)
     assert (result.exit_code, result.stderr) == (0, "")
@@ -258,7 +258,7 @@ def test_a_file_that_is_wrong(journal: Path, tmp_path: Path, content: str, why: 
 
 def test_a_predicate_that_can_t_be_asked(journal: Path, tmp_path: Path) -> None:
     file = tmp_path / "properties.py"
-    file.write_text("from tca_properties import never\nP = never(lambda world: world.nothing)\nP.words = 'it'")
+    file.write_text("from tca_tools.properties import never\nP = never(lambda world: world.nothing)\nP.words = 'it'")
     result = run(journal, file)
     assert result.exit_code == 2
     assert "property 'it' can't be asked: AttributeError: " in result.stderr
@@ -267,7 +267,7 @@ def test_a_predicate_that_can_t_be_asked(journal: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("found", ["3", "'move'", "['move']", "1.5"])
 def test_a_predicate_gives_messages_or_a_truth_value(journal: Path, tmp_path: Path, found: str) -> None:
     file = tmp_path / "properties.py"
-    file.write_text(f"from tca_properties import never\ndef f(world): return {found}\nP = never(f)")
+    file.write_text(f"from tca_tools.properties import never\ndef f(world): return {found}\nP = never(f)")
     result = run(journal, file)
     assert (result.exit_code, result.stdout) == (2, "")
     assert f"property 'never f' can't be asked: TypeError: it gave {found}: a predicate gives the" in result.stderr
@@ -279,7 +279,7 @@ def test_a_predicate_gives_messages_or_a_truth_value(journal: Path, tmp_path: Pa
 def test_messages_may_come_in_any_form(journal: Path, tmp_path: Path, found: str) -> None:
     file = tmp_path / "properties.py"
     file.write_text(
-        f"from tca_properties import never\ndef f(world): return {found} if world.tasks else None\nP = never(f)"
+        f"from tca_tools.properties import never\ndef f(world): return {found} if world.tasks else None\nP = never(f)"
     )
     assert "never f\n  walk {3}\n  the story of walk {3}" in run(journal, file).stdout
 
@@ -300,7 +300,7 @@ def chopping(tmp_path: Path) -> Path:
 
 
 BEGUN_FILE = """
-from tca_explorer import at_most, begun
+from tca_tools.explore import at_most, begun
 from tca_module import Command
 
 THEIRS = at_most(1, begun(Command("chop", int)))

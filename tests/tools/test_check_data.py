@@ -12,8 +12,8 @@ from tools.story import Story
 from tools.test_check_command import HOLDS, run, written
 from tools.test_every_tool import with_holes
 
-from tca_properties.field_values import split_data
-from tca_properties.predicates import predicate_from
+from tca_tools.properties.field_values import split_data
+from tca_tools.properties.predicates import predicate_from
 from tca_wire.journal import facts
 from tca_wire.journal.records import record
 from tca_wire.messages.formats import NO_DATA
@@ -125,7 +125,7 @@ def test_quotes_keep_what_would_be_words_of_the_language() -> None:
 
 
 FILE = """
-from tca_explorer import at_most, begun, never
+from tca_tools.explore import at_most, begun, never
 from tca_module import Command
 
 AT_MOST = at_most(1, begun(Command("fly", int)))
@@ -151,9 +151,9 @@ PROPERTIES = [
     "eventually handled of check",
 ]
 LOST_FILE = """
-from tca_explorer import achieved, always, before, begun, eventually, handled, never, within
+from tca_tools.explore import achieved, always, before, begun, eventually, handled, never, within
 from tca_module import Command, Goal
-import tca_properties as properties
+import tca_tools.properties as properties
 
 STEP, MOVE, WALK = Goal("step", int), Command("move", int), Goal("walk", int)
 ORDER = before(begun(STEP), begun(MOVE))

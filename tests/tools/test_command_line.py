@@ -158,7 +158,7 @@ def test_messages_of_click_begin_like_ours(tca: Tca, arguments: tuple[str, ...],
 
 def test_missing_packages_are_named_in_one_form() -> None:
     root = Path(command_line.__file__).parents[1]
-    said_by = [file.name for folder in ("tca_tools", "tca_live", "tca_wire", "tca_module", "tca_explorer")
+    said_by = [file.name for folder in ("tca_tools", "tca_tools.live", "tca_wire", "tca_module", "tca_tools.explore")
                for file in (root / folder).rglob("*.py") if "pip install" in file.read_text()]  # fmt: skip
     assert said_by == ["missing.py"]
     assert missing_package("a .png", "rich", "top", "ask for .svg") == (

@@ -9,13 +9,13 @@ from tools.story import QUERY, Story
 
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.summary import summary
+from tca_tools.explain.story import story as story_of
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.chart import Ending
 from tca_tools.gantt.svg import svg_text
-from tca_tools.run.fates import Fate, begun_again_with, coped_with, fate, hinges, told_to, went_on
-from tca_tools.run.fold import History
+from tca_tools.journal.fates import Fate, begun_again_with, coped_with, fate, hinges, told_to, went_on
+from tca_tools.journal.fold import History
 from tca_tools.tasktree_viz.failing import failure_chain
-from tca_tools.why.story import story as story_of
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Role

@@ -11,8 +11,8 @@ from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares
 from tca_tools.analysis.step_words import why_then
 from tca_tools.analysis.steps import Doing
-from tca_tools.run.records import Task
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.records import Task
+from tca_tools.journal.whole_run import Run
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import Moment, Point, TaskId

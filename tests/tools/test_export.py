@@ -25,9 +25,9 @@ from tca_tools.export.__main__ import FORMATS, export
 from tca_tools.export.parquet_files import write_parquet
 from tca_tools.export.tables import TABLES, ColumnType, write_csv
 from tca_tools.gantt.__main__ import gantt
+from tca_tools.journal.fold import History
 from tca_tools.log.__main__ import log
 from tca_tools.report.__main__ import report
-from tca_tools.run.fold import History
 from tca_tools.stats.__main__ import stats
 from tca_tools.tasktree_viz.__main__ import tree
 from tca_wire.journal import facts

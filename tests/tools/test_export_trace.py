@@ -13,7 +13,7 @@ from tools.trace_reader import Read, Slice, read_trace
 
 from tca_tools.export.trace.events import TraceSpan, in_lanes
 from tca_tools.export.trace.packets import write_trace
-from tca_tools.run.fold import History
+from tca_tools.journal.fold import History
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass

@@ -15,20 +15,21 @@ from tools.test_coping import replacing
 
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.summary import summary
+from tca_tools.explain.story import story
 from tca_tools.export.tables import TABLES
 from tca_tools.export.trace.details import of_handling, of_task
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fates import HANDLED
+from tca_tools.journal.fold import History
+from tca_tools.journal.journals import open_log
+from tca_tools.journal.records import TaskState
 from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.panes import colour_of
 from tca_tools.replay.recording import Recording
 from tca_tools.report.tree import tree
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fates import HANDLED
-from tca_tools.run.fold import History
-from tca_tools.run.journals import open_log
-from tca_tools.run.records import TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import whole_outline
@@ -38,7 +39,6 @@ from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.tasktree_viz.words import summary as title
 from tca_tools.view.answers import message_answer
 from tca_tools.view.reading import Reading
-from tca_tools.why.story import story
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
 from tca_wire.packets import headers

@@ -15,7 +15,7 @@ from tca_tools.gantt.build import NO_HANDLER, SUSPENDED, chart
 from tca_tools.gantt.chart import BarKind, Chart, ResourceRow
 from tca_tools.gantt.text import chart_lines
 from tca_tools.gantt.window import ALL, Pick
-from tca_tools.run.fold import History
+from tca_tools.journal.fold import History
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, TaskId

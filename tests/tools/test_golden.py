@@ -14,8 +14,8 @@ import pytest
 from click.testing import Result
 from tools.runs import walk
 
+from tca_tools.journal.journals import open_log
 from tca_tools.log.fact_rows import fact_row
-from tca_tools.run.journals import open_log
 from tca_wire.constraints import Constraint
 from tca_wire.journal import causes, facts
 from tca_wire.journal.facts import JOURNAL_VERSION, OLDEST_READ, Entry

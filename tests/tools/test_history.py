@@ -8,18 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tools.story import PLANNING, THIS, Story, arcs, stumbling, walking
 
+from tca_tools.explain import wait_words
+from tca_tools.explain.story import story
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fold import History
-from tca_tools.run.lives import life_of
-from tca_tools.run.records import HandlerWait, Offer, TaskState
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fold import History
+from tca_tools.journal.lives import life_of
+from tca_tools.journal.records import HandlerWait, Offer, TaskState
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
-from tca_tools.why import wait_words
-from tca_tools.why.story import story
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.life_cycles import BASIC, GENERAL

@@ -12,17 +12,17 @@ from tools.story import QUERY, THIS, Story, delayed, stuck
 
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.long_waits import long_waits as waits
-from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.fates import Fate
-from tca_tools.run.fold import History
-from tca_tools.run.records import TaskState
-from tca_tools.run.selection import waited_for
+from tca_tools.explain.ends import MOST, Ends, causes
+from tca_tools.explain.story import story
+from tca_tools.explain.wait_words import Age, Last, in_the_end, last_of, reasons
+from tca_tools.journal.at_time import RunAt, TaskAt
+from tca_tools.journal.fates import Fate
+from tca_tools.journal.fold import History
+from tca_tools.journal.records import TaskState
+from tca_tools.journal.selection import waited_for
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import note
-from tca_tools.why.ends import MOST, Ends, causes
-from tca_tools.why.story import story
-from tca_tools.why.wait_words import Age, Last, in_the_end, last_of, reasons
 from tca_wire.constraints import Constraint, delay_planning, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.packets import headers

@@ -1,6 +1,6 @@
 """Facts that contradict each other: a fold takes any."""
 
-from tca_tools.run.fold import History
+from tca_tools.journal.fold import History
 from tca_wire.journal import facts
 from tca_wire.points import TaskId
 

@@ -10,11 +10,11 @@ from tools.story import Story
 
 from tca_tools.analysis.failures import failures
 from tca_tools.check import rules
-from tca_tools.run.fates import Fate
-from tca_tools.run.fold import History
+from tca_tools.explain.story import story as story_of
+from tca_tools.journal.fates import Fate
+from tca_tools.journal.fold import History
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.told import story_lines
-from tca_tools.why.story import story as story_of
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
 from tca_wire.packets import headers

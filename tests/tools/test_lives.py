@@ -10,12 +10,12 @@ from tools.story import Story
 from tools.test_export_mcap import topics_of
 
 from tca_tools.check import rules
+from tca_tools.explain.story import story
 from tca_tools.export.tables import TABLES
 from tca_tools.gantt.build import chart
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.lives import life_at, life_of
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.lives import life_at, life_of
 from tca_tools.tasktree_viz.words import note
-from tca_tools.why.story import story
 from tca_wire.journal import facts
 from tca_wire.journal.facts import StateChanged
 from tca_wire.life_cycles import GENERAL, LifeCycle, Transition, ending

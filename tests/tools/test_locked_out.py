@@ -17,10 +17,10 @@ from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.queues import growing
 from tca_tools.analysis.resources import kept_out
 from tca_tools.analysis.summary import span_of
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fold import History
+from tca_tools.journal.whole_run import Run
 from tca_tools.report.contents import Contents, contents
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fold import History
-from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz import words
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts

@@ -14,7 +14,7 @@ from tools.runs import walk
 from tools.story import Story, walking
 
 from tca_tools.errors import DamagedLog, UnusableLog
-from tca_tools.run.journals import Log, open_log, run_folders
+from tca_tools.journal.journals import Log, open_log, run_folders
 from tca_tools.view.reading import Reading
 from tca_wire.endpoint import NoHome, default_journals, is_loopback, new_journal, run_number
 from tca_wire.journal import facts

@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from benchmarks.long_runs import SHAPES, TOOLS, make
+from dev.benchmarks.long_runs import SHAPES, TOOLS, make
 from tca_tools.analysis.backwards import Causes
-from tca_tools.run.fold import folded
-from tca_tools.run.journals import open_log
-from tca_tools.run.lives import life_at
-from tca_tools.run.records import Task
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.fold import folded
+from tca_tools.journal.journals import open_log
+from tca_tools.journal.lives import life_at
+from tca_tools.journal.records import Task
+from tca_tools.journal.whole_run import Run
 from tca_wire.points import Moment
 
 SIZES = 1, 30, 60, 120

@@ -14,7 +14,7 @@ from tools.story import Story
 from tca_tools.analysis.failures import failures
 from tca_tools.export.mcap_file import write_mcap
 from tca_tools.export.tables import TABLES
-from tca_tools.run.journals import open_log
+from tca_tools.journal.journals import open_log
 from tca_tools.view.answers import message_answer
 from tca_tools.view.reading import Reading
 from tca_wire.journal import facts

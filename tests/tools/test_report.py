@@ -15,13 +15,13 @@ from tools.story import Story, mopping, silent_for, stumbling, walking
 from tools.test_history import FACTS
 
 from tca_tools.errors import ToolError
+from tca_tools.journal.fates import HANDLED
+from tca_tools.journal.fold import History
 from tca_tools.report.__main__ import report
 from tca_tools.report.contents import contents
 from tca_tools.report.page import page
 from tca_tools.report.pictures import gantt, strips
 from tca_tools.report.tree import tree
-from tca_tools.run.fates import HANDLED
-from tca_tools.run.fold import History
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 

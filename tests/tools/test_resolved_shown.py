@@ -13,10 +13,10 @@ from tools.runs import OPENED, checked
 from tca_tools.check import rules
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.chart import Ending
-from tca_tools.run.fold import History
-from tca_tools.run.lives import life_of
-from tca_tools.run.outcomes import outcome_of
-from tca_tools.run.records import TaskState
+from tca_tools.journal.fold import History
+from tca_tools.journal.lives import life_of
+from tca_tools.journal.outcomes import outcome_of
+from tca_tools.journal.records import TaskState
 from tca_tools.tasktree_viz.dot import FILLS
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_wire.journal import facts

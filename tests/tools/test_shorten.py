@@ -11,14 +11,14 @@ from click.testing import Result
 from properties.life import Life
 from tools.test_logs import segment
 
-from fuzz.hostile_central import LINES, beginning
-from fuzz.hostile_inputs import Daemon
+from dev.fuzz.hostile_central import LINES, beginning
+from dev.fuzz.hostile_inputs import Daemon
 from tca_central.events import Arrived, ConnectionId, ConnectionLost
 from tca_central.shell.input_log import InputLog
 from tca_central.shell.log_writer import Sync, numbers
+from tca_tools.journal.fold import History
+from tca_tools.journal.journals import Log
 from tca_tools.log.shorten import EndedTasks
-from tca_tools.run.fold import History
-from tca_tools.run.journals import Log
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, Fact, Shortened
 from tca_wire.journal.records import JournalReader

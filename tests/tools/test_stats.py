@@ -17,7 +17,7 @@ from tools.story import QUERY, Story, silent_for, walking
 
 from tca_tools.analysis.summary import summary
 from tca_tools.export.tables import TABLES
-from tca_tools.run.fold import History
+from tca_tools.journal.fold import History
 from tca_tools.stats.__main__ import SORTS, stats
 from tca_tools.stats.measure import Stats, Times, measure
 from tca_wire.journal import facts

@@ -5,14 +5,14 @@ from pathlib import Path
 from click.testing import CliRunner
 from tools.story import ACTING, COMMAND, QUERY, THIS, Story, mopping, ordered, resumed_alone, stumbling
 
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fold import History
-from tca_tools.run.selection import messages_of
+from tca_tools.explain.story import story
+from tca_tools.explain.wait_words import reasons
+from tca_tools.explain.waits import told_waits, waits_now
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fold import History
+from tca_tools.journal.selection import messages_of
 from tca_tools.tasktree_viz.__main__ import tree
 from tca_tools.tasktree_viz.words import note
-from tca_tools.why.story import story
-from tca_tools.why.wait_words import reasons
-from tca_tools.why.waits import told_waits, waits_now
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, TaskId

@@ -11,8 +11,8 @@ from click.testing import Result
 from tools.story import THIS, Story, arcs, silent_for, stumbling, walking
 
 from tca_tools.drawing.graphviz import drawn
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import TaskState
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.records import TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import KINDS, arrows
 from tca_tools.tasktree_viz.dot import FILLS, dot_source

@@ -10,9 +10,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from tools.story import COMMAND, GOAL, Story, stumbling
 
+from tca_tools.journal.at_time import RunAt
 from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.recording import Recording
-from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz.outline import excerpt, outline, whole_outline
 from tca_tools.tasktree_viz.text import ASCII, UNICODE, tree_lines
 from tca_tools.tasktree_viz.told import story_lines

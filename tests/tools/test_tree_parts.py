@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from tools.runs import encoded, walk
 from tools.story import GOAL, QUERY, THIS, Story, locking, stumbling, walking
 
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fold import History
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fold import History
 from tca_tools.tasktree_viz.arrows import arrows
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.failing import failure_chain

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import pytest
 
-import tca_missions
-from tca_missions import Environment, charts
+import tca_behaviours.missions
+from tca_behaviours.missions import Environment, charts
 
 ROOT = Path(__file__).parents[2]
 TURTLE = ROOT / "robots" / "turtle_sim"
@@ -118,6 +118,6 @@ def test_there_are_names() -> None:
 @pytest.mark.parametrize("name", OURS)
 def test_a_name_on_the_page_exists(name: str) -> None:
     first, _, attribute = name.partition(".")
-    owner = getattr(tca_missions, first, None) or getattr(charts, first)
+    owner = getattr(tca_behaviours.missions, first, None) or getattr(charts, first)
     made = owner() if owner is Environment else owner  # what it has once it is made
     assert not attribute or hasattr(made, attribute)

@@ -12,8 +12,8 @@ from robots.turtle_sim.missions.letters import A, C, T, letters
 from robots.turtle_sim.missions.patrol import patrol
 from robots.turtle_sim.missions.too_far import too_far
 from robots.turtle_sim.world import Pose
-from tca_missions import ConditionVerified, Mission
-from tca_missions.console.names import ConsoleNames
+from tca_behaviours.missions import ConditionVerified, Mission
+from tca_behaviours.missions.console.names import ConsoleNames
 
 
 def test_patrol() -> None:

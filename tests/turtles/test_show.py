@@ -15,7 +15,7 @@ from turtles.checkpoints import EXPECTED
 from robots.turtle_sim.__main__ import SHOWS
 from robots.turtle_sim.missions.three_turtles import MISSIONS
 from robots.turtle_sim.sync.team import load_team
-from tca_run.robot_file import load
+from tca_tools.supervise.robot_file import load
 
 ROBOT = Path(__file__).parents[2] / "robots" / "turtle_sim"
 
@@ -57,7 +57,7 @@ def test_three_robots_of_tca_run(tmp_path: Path) -> None:
     """As the page says; in the turtles' own time."""
     with ExitStack() as stack:
         for turtle in MISSIONS:
-            robot = start("tca_run", str(ROBOT / "sync" / f"{turtle}.toml"), log=tmp_path / f"{turtle}.log")
+            robot = start("tca_tools.supervise", str(ROBOT / "sync" / f"{turtle}.toml"), log=tmp_path / f"{turtle}.log")
             stack.callback(robot.wait, 60)
             stack.callback(robot.send_signal, signal.SIGINT)
         missions = {

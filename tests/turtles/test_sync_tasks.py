@@ -10,7 +10,7 @@ from robots.turtle_sim.sync.environment import SyncEnvironment
 from robots.turtle_sim.sync.link import StatusLink
 from robots.turtle_sim.sync.tasks import TASKS_OF_TEAMS
 from robots.turtle_sim.sync.team import free_team
-from tca_missions import MISSION_TASK_INITIALISATION_FAILED, MISSION_TASK_TIMEOUT, TaskStatus
+from tca_behaviours.missions import MISSION_TASK_INITIALISATION_FAILED, MISSION_TASK_TIMEOUT, TaskStatus
 from tca_module import Outcome, TaskFailed
 
 

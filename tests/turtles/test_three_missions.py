@@ -9,7 +9,7 @@ from turtles.checkpoints import EXPECTED
 from turtles.lossy import LossyNetwork
 
 from robots.turtle_sim.missions.three_turtles import MISSIONS
-from tca_missions import Mission
+from tca_behaviours.missions import Mission
 
 Step = tuple[str, dict[str, Any]]
 PERIOD = 0.1

@@ -8,7 +8,7 @@ from turtles.towns import town
 from robots.turtle_sim.environment import TurtleEnvironment
 from robots.turtle_sim.task_server import TASKS
 from robots.turtle_sim.world import Pen, Pose
-from tca_missions import MISSION_TASK_TIMEOUT, Mission, MissionTaskFailed, Status, TaskServer
+from tca_behaviours.missions import MISSION_TASK_TIMEOUT, Mission, MissionTaskFailed, Status, TaskServer
 from tca_module import Outcome, TaskFailed, TaskKilled
 from tca_module.testing import LocalCentral
 

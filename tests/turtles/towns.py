@@ -12,8 +12,8 @@ from robots.turtle_sim.environment import TurtleEnvironment
 from robots.turtle_sim.simulator import Simulator
 from robots.turtle_sim.task_server import TASKS
 from robots.turtle_sim.world import CENTRE, Pose, TurtleWorld
-from tca_missions import ConditionVerified, Mission, TaskEnd, TaskServer
-from tca_missions.serving.definition import ServedTask
+from tca_behaviours.missions import ConditionVerified, Mission, TaskEnd, TaskServer
+from tca_behaviours.missions.serving.definition import ServedTask
 from tca_module import Client, SentTask, connect
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Received

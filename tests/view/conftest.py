@@ -12,7 +12,7 @@ import pytest
 import uvicorn
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
-from tca_tools.run.journals import Log, open_log
+from tca_tools.journal.journals import Log, open_log
 from tca_tools.view.app import application
 from tca_tools.view.runs import Runs
 from tca_tools.view.steering import Steering

@@ -15,11 +15,11 @@ import uvicorn
 from activities.joint import Joint
 from playwright.sync_api import BrowserContext, Page, expect
 
-from tca_activities import Application, one_for_all
-from tca_activities.components import Component
-from tca_activities.manager import Control, ControlField, Manager
-from tca_activities.page.app import application as served_application
-from tca_activities.page.live import LiveApplication
+from tca_behaviours.activities import Application, one_for_all
+from tca_behaviours.activities.components import Component
+from tca_behaviours.activities.manager import Control, ControlField, Manager
+from tca_behaviours.activities.page.app import application as served_application
+from tca_behaviours.activities.page.live import LiveApplication
 from tca_module import Command, Inform, Module, Task
 from tca_module.testing import LocalCentral
 from tca_tools.view.guards import PageKey

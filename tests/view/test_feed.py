@@ -15,11 +15,11 @@ from tools.story import Story, stumbling, walking
 from tca_central.events import Effect, Record
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.looks import dark
-from tca_tools.run.at_time import RunAt
-from tca_tools.run.fates import WATCHING, Failing, has_coped, went_on
-from tca_tools.run.fold import History
-from tca_tools.run.outcomes import outcome_of
-from tca_tools.run.records import OVER, TaskState
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fates import WATCHING, Failing, has_coped, went_on
+from tca_tools.journal.fold import History
+from tca_tools.journal.outcomes import outcome_of
+from tca_tools.journal.records import OVER, TaskState
 from tca_tools.view import verdicts
 from tca_tools.view.feed import LANES_OF, TABLES, Feed, SpanKind
 from tca_wire.journal import facts

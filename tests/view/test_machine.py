@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import Page, expect
 from tools.story import Story
 
-from tca_missions.charts import Sequence
+from tca_behaviours.missions.charts import Sequence
 from tca_module import Command
 from tca_wire.charts import ActiveStates, ChartState, MachineChart, StateKind
 from tca_wire.journal import facts

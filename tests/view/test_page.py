@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from tools.story import Story, stumbling, walking
 
 from tca_module import Command, Goal, Module, Task, connect
-from tca_tools.run.journals import EntryPlace, Log
+from tca_tools.journal.journals import EntryPlace, Log
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
 from tca_wire.journal.records import record

@@ -11,7 +11,7 @@ from module.real_central import SOON, until
 from tools.story import stumbling, walking
 
 from tca_tools.errors import UnusableLog
-from tca_tools.run.journals import open_log
+from tca_tools.journal.journals import open_log
 from tca_tools.view.runs import Runs
 from tca_wire.endpoint import default_journals
 from tca_wire.journal import facts

@@ -17,9 +17,9 @@ from robots.youbot_sim.show import SCHEDULES, DeliveryShow
 from robots.youbot_sim.simulator import Lid
 from robots.youbot_sim.stepped import deliver, robot
 from robots.youbot_sim.vocabulary import ObjectPlace
-from tca_coordination import Continuous, Coordinator, Discrete, Prior
+from tca_behaviours.coordination import Continuous, Coordinator, Discrete, Prior
 from tca_module import connect
-from tca_tools.run.fold import History
+from tca_tools.journal.fold import History
 from tca_wire.coordination import TaskRole
 
 PAGE = Path(__file__).parents[2].joinpath("docs/preview-coordination.md").read_text()

@@ -19,9 +19,9 @@ from robots.ambler_sim.run.rules import FOOTFALL, PLANNED_AHEAD, RULES, STABILIT
 from robots.ambler_sim.vocabulary import Footstep, Pose
 from tca_tools.check.checked_run import CheckedRun
 from tca_tools.check.rules import RULES as RULES_OF_TASKS
-from tca_tools.run.fold import History
-from tca_tools.run.journals import open_log
-from tca_tools.run.records import Task, TaskState
+from tca_tools.journal.fold import History
+from tca_tools.journal.journals import open_log
+from tca_tools.journal.records import Task, TaskState
 from tca_wire.points import Moment
 
 RECOVERIES = {

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from robots.ambler_sim.messages import ACQUIRE_IMAGE, MOVE_BODY, MOVE_LEG, TAKE_STEPS, UPDATE_MAP
 from robots.ambler_sim.run.figures import read_footsteps
-from tca_tools.run.fold import History
-from tca_tools.run.journals import open_log
+from tca_tools.journal.fold import History
+from tca_tools.journal.journals import open_log
 from tca_wire.points import Moment
 
 WAITING = (TAKE_STEPS.name, ACQUIRE_IMAGE.name)

@@ -7,9 +7,9 @@ from bisect import bisect_left
 from collections.abc import Iterator
 from operator import attrgetter
 
-from tca_properties import in_all_cases, in_at_least, property_from
-from tca_tools.run.records import Claim, Handling, Message, Task, TaskState
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.records import Claim, Handling, Message, Task, TaskState
+from tca_tools.journal.whole_run import Run
+from tca_tools.properties import in_all_cases, in_at_least, property_from
 from tca_wire.points import Moment
 
 MOVE_LEG, MOVE_BODY, TAKE_STEPS, RANGES = "move leg", "move body", "take steps", "ranges"

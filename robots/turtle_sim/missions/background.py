@@ -1,6 +1,6 @@
 """Tasks in the background, beside the one in the foreground."""
 
-from tca_missions import Mission
+from tca_behaviours.missions import Mission
 
 
 def background(mission: Mission) -> str:

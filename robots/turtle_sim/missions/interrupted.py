@@ -1,6 +1,6 @@
 """A mission that something else may interrupt."""
 
-from tca_missions import ConditionIsCompleted, ConditionVerified, Mission
+from tca_behaviours.missions import ConditionIsCompleted, ConditionVerified, Mission
 
 
 def interrupted(mission: Mission, goal_x: float = 0.0, goal_y: float = 6.0) -> None:

@@ -1,6 +1,6 @@
 """Writes TCA, a letter a pen."""
 
-from tca_missions import Mission
+from tca_behaviours.missions import Mission
 
 T = [[(0.8, 8.0), (3.4, 8.0)], [(2.1, 8.0), (2.1, 3.0)]]
 C = [[(6.4, 7.2), (5.6, 8.0), (4.6, 8.0), (3.9, 7.0), (3.9, 4.0), (4.6, 3.0), (5.6, 3.0), (6.4, 3.8)]]

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable
 
-from tca_missions import Mission
-from tca_missions.charts import Sequence
+from tca_behaviours.missions import Mission
+from tca_behaviours.missions.charts import Sequence
 
 POINTS = ((1.0, 9.0), (9.0, 9.0), (9.0, 1.0))
 

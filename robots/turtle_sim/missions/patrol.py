@@ -1,6 +1,6 @@
 """To and fro between two places."""
 
-from tca_missions import Mission
+from tca_behaviours.missions import Mission
 
 
 def patrol(mission: Mission) -> None:

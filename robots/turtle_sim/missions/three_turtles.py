@@ -6,7 +6,7 @@ Each waits until the turtles that must have seen its status have answered it wit
 
 import sys
 
-from tca_missions import Mission
+from tca_behaviours.missions import Mission
 
 
 def turtle1(mission: Mission) -> None:

@@ -1,6 +1,6 @@
 """What to do about a task that fails."""
 
-from tca_missions import Mission, MissionTaskFailed
+from tca_behaviours.missions import Mission, MissionTaskFailed
 
 
 def too_far(mission: Mission) -> None:

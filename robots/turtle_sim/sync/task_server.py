@@ -8,7 +8,7 @@ from robots.turtle_sim.sync.link import StatusLink
 from robots.turtle_sim.sync.tasks import TASKS_OF_TEAMS
 from robots.turtle_sim.sync.team import load_team
 from robots.turtle_sim.task_server import TASKS
-from tca_missions import TaskServer
+from tca_behaviours.missions import TaskServer
 
 
 def main() -> None:

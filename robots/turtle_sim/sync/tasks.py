@@ -2,7 +2,7 @@
 
 from robots.turtle_sim.errors import NoSuchPartner
 from robots.turtle_sim.sync.environment import SyncEnvironment
-from tca_missions import OnceTask, PeriodicTask, Status, parameter
+from tca_behaviours.missions import OnceTask, PeriodicTask, Status, parameter
 
 
 class SetStatusSync(OnceTask[SyncEnvironment]):

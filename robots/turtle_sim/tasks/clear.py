@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from robots.turtle_sim.environment import TurtleEnvironment
-from tca_missions import OnceTask, parameter
+from tca_behaviours.missions import OnceTask, parameter
 
 
 @dataclass

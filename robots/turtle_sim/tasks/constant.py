@@ -1,7 +1,7 @@
 """The task Constant."""
 
 from robots.turtle_sim.environment import TurtleEnvironment
-from tca_missions import PeriodicTask, Status, parameter
+from tca_behaviours.missions import PeriodicTask, Status, parameter
 
 
 class Constant(PeriodicTask[TurtleEnvironment]):

@@ -3,7 +3,7 @@
 from math import atan2, copysign, hypot, pi, remainder, tau
 
 from robots.turtle_sim.environment import TurtleEnvironment
-from tca_missions import PeriodicTask, Status, parameter
+from tca_behaviours.missions import PeriodicTask, Status, parameter
 
 
 class GoTo(PeriodicTask[TurtleEnvironment]):

@@ -2,7 +2,7 @@
 
 from robots.turtle_sim.environment import TurtleEnvironment
 from robots.turtle_sim.world import Pen
-from tca_missions import OnceTask, parameter
+from tca_behaviours.missions import OnceTask, parameter
 
 
 class SetPen(OnceTask[TurtleEnvironment]):

@@ -1,7 +1,7 @@
 """The task Wait."""
 
 from robots.turtle_sim.environment import TurtleEnvironment
-from tca_missions import OnceTask, parameter
+from tca_behaviours.missions import OnceTask, parameter
 
 
 class Wait(OnceTask[TurtleEnvironment]):

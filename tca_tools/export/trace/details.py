@@ -1,9 +1,9 @@
 """The details of a message, a handling or a task, for whoever clicks it. Pure."""
 
+from tca_tools.explain.waits import of_handler_wait
 from tca_tools.export.trace.events import Details
-from tca_tools.run.records import HandlerWait, Handling, Message, Task
-from tca_tools.run.whole_run import Run
-from tca_tools.why.waits import of_handler_wait
+from tca_tools.journal.records import HandlerWait, Handling, Message, Task
+from tca_tools.journal.whole_run import Run
 from tca_wire.points import describe_moments
 from tca_wire.text.bodies import plain_data
 

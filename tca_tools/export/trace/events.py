@@ -15,7 +15,7 @@ from operator import itemgetter
 from typing import Any, NamedTuple, TypeVar
 
 from tca_tools.export.nanoseconds import Nanoseconds
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.whole_run import Run
 from tca_tools.spans import lanes, levels
 
 T = TypeVar("T")

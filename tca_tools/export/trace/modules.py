@@ -20,8 +20,8 @@ from tca_tools.export.trace.events import (
     slices,
     within,
 )  # fmt: skip
-from tca_tools.run.fates import has_coped
-from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Queueing
+from tca_tools.journal.fates import has_coped
+from tca_tools.journal.records import Claim, HandlerWait, Handling, Message, Queueing
 from tca_wire.vocabulary import Outcome
 
 Sent = dict[int | str, list[Message]]

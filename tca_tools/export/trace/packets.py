@@ -13,7 +13,7 @@ from tca_tools.export.nanoseconds import since_1970
 from tca_tools.export.trace.events import Event, EventKind, Trace, Track, instant
 from tca_tools.export.trace.modules import add_modules
 from tca_tools.export.trace.tasks import add_task_tree
-from tca_tools.run.whole_run import Run
+from tca_tools.journal.whole_run import Run
 
 _SEQUENCE = 1
 _NAMED = (EventKind.BEGIN, EventKind.INSTANT)

@@ -20,8 +20,8 @@ from tca_tools.export.trace.events import (
     slices,
     within,
 )
-from tca_tools.run.fates import went_on
-from tca_tools.run.records import Task
+from tca_tools.journal.fates import went_on
+from tca_tools.journal.records import Task
 from tca_wire.points import Moment
 from tca_wire.text.bodies import plain_data
 

@@ -3,9 +3,9 @@
 from contextlib import suppress
 from typing import Any, get_args
 
-from tca_missions.charts import StateMachine
-from tca_missions.charts.running import MachineEnd, MachineRun
-from tca_missions.outcomes import Status, TaskEnd
+from tca_behaviours.missions.charts import StateMachine
+from tca_behaviours.missions.charts.running import MachineEnd, MachineRun
+from tca_behaviours.missions.outcomes import Status, TaskEnd
 from tca_wire.charts import ActiveStates, Ending
 
 ENDINGS: tuple[Ending, ...] = get_args(Ending)

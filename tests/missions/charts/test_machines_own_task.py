@@ -7,8 +7,16 @@ from typing import Any
 import pytest
 from missions.rover import TASKS, Rover, mission_of_rover
 
-from tca_missions import BadParameter, ConditionVerified, Mission, MissionTaskFailed, Status, TaskServer, UnknownTask
-from tca_missions.charts import Sequence, StateMachine
+from tca_behaviours.missions import (
+    BadParameter,
+    ConditionVerified,
+    Mission,
+    MissionTaskFailed,
+    Status,
+    TaskServer,
+    UnknownTask,
+)
+from tca_behaviours.missions.charts import Sequence, StateMachine
 from tca_module import Client, connect
 from tca_module.testing import LocalCentral
 from tca_wire.charts import read_active, read_machine

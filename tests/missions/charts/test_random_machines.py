@@ -8,11 +8,11 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from missions.charts.played import ENDINGS, EndOfPlay, PlayedMission, PlayedTask
 
-from tca_missions.charts import Sequence, StateMachine, UnsoundMachine
-from tca_missions.charts.running import MachineRun
-from tca_missions.charts.soundness import endings_of
-from tca_missions.charts.statechart import Statechart
-from tca_missions.charts.states import MachineState
+from tca_behaviours.missions.charts import Sequence, StateMachine, UnsoundMachine
+from tca_behaviours.missions.charts.running import MachineRun
+from tca_behaviours.missions.charts.soundness import endings_of
+from tca_behaviours.missions.charts.statechart import Statechart
+from tca_behaviours.missions.charts.states import MachineState
 from tca_wire.charts import ActiveStates, Ending, StateKind
 
 MOST_ARE_REFUSED = settings(suppress_health_check=[HealthCheck.filter_too_much])

@@ -3,7 +3,7 @@
 import pytest
 from missions.charts.played import Played, PlayedMission
 
-from tca_missions.charts import Concurrence, Sequence, StateMachine
+from tca_behaviours.missions.charts import Concurrence, Sequence, StateMachine
 
 
 def patrol() -> StateMachine:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tca_missions.charts import Concurrence, Sequence, StateMachine, UnsoundMachine
+from tca_behaviours.missions.charts import Concurrence, Sequence, StateMachine, UnsoundMachine
 from tca_module import MisuseError
 
 

@@ -1,0 +1,113 @@
+"""How well processors keep time, and what handing on the baton costs.
+
+    python -m dev.benchmarks.activities [--activities 50] [--rate 100] [--processors 1,5,50] [--seconds 5] [--rounds 5]
+
+Each activity does at its rate what a small controller does: a little arithmetic. All are due at the same times. It
+measures by how much the first activity begins after it is due, when the last one ends, jitter (how far the beginning
+of each activity is from its own median), and the processor time of a tick beside that of the activity itself.
+With --beside a thread of the same program computes all the time, and with --switch the interval is set after which the
+interpreter lets another thread go on.
+"""
+
+import argparse
+import math
+import statistics
+import sys
+import threading
+import time
+from collections import defaultdict
+
+from tca_behaviours.activities.processing import Baton
+from tca_behaviours.activities.processing.schedule import Processor, ScheduledActivity
+
+_WARM_UP = 0.5  # seconds
+_computed = [0.0]  # seconds, by a thread beside
+
+
+class Controller:
+    """Steers a cart towards a place that moves."""
+
+    component = "bench"
+    estimate: float | None = None
+
+    def __init__(self, number: int, period: float) -> None:
+        self.name = f"a{number}"
+        self.period = period
+        self._place, self._speed = 0.0, 0.0
+
+    def tick(self) -> None:
+        wanted = math.sin(time.monotonic())
+        self._speed = max(-1.0, min(1.0, 2.0 * (wanted - self._place)))
+        self._place += self._speed * self.period
+
+
+def play(activities: int, processors: int, period: float, seconds: float) -> tuple[float, float, float, float, float]:
+    """Milliseconds: the first begins (p95), the last ends (p95), jitter (median, p99). Microseconds: a tick."""
+    baton = Baton()
+    schedule, began = baton.schedule, defaultdict[str, list[float]](list)
+    ended = defaultdict[float, float](float)
+    begin, end = schedule.begin, schedule.end
+
+    def noted_begin(processor: Processor, now: float) -> ScheduledActivity:
+        one = begin(processor, now)
+        began[one.name].append(now - one.release.due)
+        return one
+
+    def noted_end(now: float, error: str = "") -> None:
+        due = schedule.ticked.release.due if schedule.ticked else 0.0
+        ended[due] = max(ended[due], now - due)
+        end(now, error)
+
+    vars(schedule).update(begin=noted_begin, end=noted_end)
+    with baton.changing():
+        places = [schedule.new_processor(f"p{number}", 0.0) for number in range(processors)]
+        for number in range(activities):
+            schedule.add(Controller(number, period))
+            schedule.put(schedule.activity(f"a{number}"), places[number * processors // activities], 0.0)
+    baton.start()
+    time.sleep(_WARM_UP)
+    with baton.lock:
+        began.clear()
+        ended.clear()
+    executions = [one.execution for one in schedule.activities.values()]
+    used, own = _computed[0] - time.process_time(), -sum(one.mean * one.ticks for one in executions)
+    time.sleep(seconds)
+    baton.stop()
+    used, own = used + time.process_time() - _computed[0], own + sum(one.mean * one.ticks for one in executions)
+    ticks = sum(len(each) for each in began.values())
+    off = [abs(late - statistics.median(each)) for each in began.values() for late in each]
+    first = statistics.quantiles(began["a0"], n=20)[18]
+    last = statistics.quantiles(ended.values(), n=20)[18]
+    jitter = statistics.quantiles(off, n=100)
+    return first * 1e3, last * 1e3, jitter[49] * 1e3, jitter[98] * 1e3, (used - own) / ticks * 1e6
+
+
+def compute() -> None:
+    """For ever."""
+    while True:
+        sum(range(1000))
+        _computed[0] = time.thread_time()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--activities", type=int, default=50)
+    parser.add_argument("--rate", type=float, default=100)
+    parser.add_argument("--processors", default="1,5,50")
+    parser.add_argument("--seconds", type=float, default=5)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--beside", action="store_true")
+    parser.add_argument("--switch", type=float, default=0.005)
+    given = parser.parse_args()
+    sys.setswitchinterval(given.switch)
+    if given.beside:
+        threading.Thread(target=compute, daemon=True).start()
+    print("processors  first begins p95 ms  last ends p95 ms  jitter median ms     p99  us a tick")
+    for processors in map(int, given.processors.split(",")):
+        rounds = [play(given.activities, processors, 1 / given.rate, given.seconds) for _ in range(given.rounds)]
+        first, last, median, p99, cost = (statistics.median(column) for column in zip(*rounds, strict=True))
+        print(f"{processors:10} {first:20.2f} {last:17.2f} {median:17.3f} {p99:7.2f} {cost:10.1f}")
+
+
+if __name__ == "__main__":
+    main()

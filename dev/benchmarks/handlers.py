@@ -1,0 +1,77 @@
+"""The costs of the kinds of handlers: the same query to a plain one, a coroutine, one whose thread has a timer, one
+that answers later from another thread.
+
+    python -m dev.benchmarks.handlers [--rounds 3] [--seconds 1.0]
+
+Central without a journal, three processes, Unix sockets; one query at a time. Ratios hold.
+"""
+
+import queue
+import statistics
+import tempfile
+import threading
+from functools import partial
+from pathlib import Path
+
+from dev.benchmarks import BODY, central, process, rate, rounds_of
+from tca_module import Client, LaterReply, Module, Query, Task, connect
+
+KINDS = ("plain", "beside a timer", "async", "later")
+QUESTIONS = {kind: Query(kind, bytes, reply=bytes) for kind in KINDS}
+
+
+def serve(address: str) -> None:
+    module = Module("server", address)
+    owed = queue.SimpleQueue[tuple[LaterReply[bytes], bytes]]()
+    for kind in ("plain", "beside a timer"):
+        module.handles(QUESTIONS[kind], resource=kind)(lambda _, body: body)
+    module.every(3600.0, resource="beside a timer")(print)
+
+    @module.handles(QUESTIONS["async"], resource="async")
+    async def echo(_: Task, body: bytes) -> bytes:
+        return body
+
+    @module.handles(QUESTIONS["later"], resource="later")
+    def echo_later(task: Task, body: bytes) -> LaterReply[bytes]:
+        later = task.reply_later()
+        owed.put((later, body))
+        return later
+
+    def answer() -> None:
+        while True:
+            later, body = owed.get()
+            later.reply(body)
+
+    threading.Thread(target=answer, daemon=True).start()
+    module.run()
+
+
+def ask(client: Client, question: Query[bytes, bytes]) -> int:
+    client.query(question, BODY)
+    return 1
+
+
+def measure(seconds: float) -> dict[str, float]:
+    """Microseconds a round trip, by kind."""
+    results = {}
+    with tempfile.TemporaryDirectory() as name:  # noqa: SIM117
+        with (
+            central(Path(name), "--no-journal") as address,
+            process(serve, address),
+            connect("client", address) as client,
+        ):
+            for kind, question in QUESTIONS.items():
+                client.query(question, BODY)
+                results[kind] = 1e6 / rate(seconds, partial(ask, client, question))
+    return results
+
+
+def main() -> None:
+    rounds = rounds_of(measure, __doc__ or "")
+    print(f"{'median of ' + str(len(rounds)):>20} {'round trip, us':>15}")
+    for kind in KINDS:
+        print(f"{kind:>20} {statistics.median(result[kind] for result in rounds):>15.0f}")
+
+
+if __name__ == "__main__":
+    main()

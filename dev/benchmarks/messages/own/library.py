@@ -1,0 +1,205 @@
+"""Central with the module library: what users have."""
+
+import contextlib
+import threading
+import time
+from typing import Any
+
+from dev.benchmarks.messages.contestant import (
+    LISTENERS,
+    SOON,
+    Contestant,
+    Lost,
+    NotThere,
+    body_of,
+    check_arrived,
+    keep_open,
+    timed,
+    until,
+)  # fmt: skip
+from dev.benchmarks.messages.processes import address_in, processor_seconds
+from tca_module import Broadcast, Command, Condition, Goal, Inform, Module, Query, Task, connect
+
+SLOTS = {1: "one", 16: "sixteen"}
+"""The resources of the server, by capacity."""
+PING = {number: Query(f"ping {name}", bytes, reply=bytes) for number, name in SLOTS.items()}
+POSE, SEEN = Inform("pose", bytes), Query("seen", reply=int)
+TICK = Broadcast("tick", bytes)
+HEARD = [Query(f"heard {number}", reply=int) for number in range(LISTENERS)]
+MOVE, THREE_MOVES, MANY_MOVES = Command("move", bytes), Goal("three moves", bytes), Goal("many moves", int)
+NOTES = [Inform(f"note {number}", bytes) for number in range(10)]
+JOURNALS = {"off": ("--no-journal",), "batch": ("--sync", "batch"), "always": ("--sync", "always")}
+MOST_DIRECT = 500
+"""Direct messages sent at a time: a thousand may be on their way."""
+TOGETHER = 50
+"""Modules of a crowd that share a process."""
+
+
+def serve(address: str, direct: bool) -> None:
+    """The module that handles everything but the broadcast."""
+    server = Module("server", address)
+    for number, name in SLOTS.items():
+        server.resource(name, number)
+        server.handles(PING[number], resource=name, direct=direct)(lambda _, body: body)
+    add_counter(server, POSE, SEEN, "one", direct=direct)
+    server.handles(MOVE, resource="mover")(lambda _, __: None)
+    for note in NOTES:
+        server.handles(note, resource="listener")(lambda _, __: None)
+
+    @server.handles(THREE_MOVES)
+    def three_moves(task: Task, body: bytes) -> None:
+        for _ in range(3):
+            task.command(MOVE, body)
+
+    @server.handles(MANY_MOVES)
+    def many_moves(task: Task, number: int) -> None:
+        body = body_of(100)
+        for _ in range(number):
+            task.command(MOVE, body)
+
+    server.run(patience=SOON)
+
+
+def add_counter(module: Module, told: Any, asked: Query[None, int], resource: str, *, direct: bool = False) -> None:
+    """Count messages, and say how many came since that was asked."""
+    count = 0
+
+    def come(_: Task, __: bytes) -> None:
+        nonlocal count
+        count += 1
+
+    def since(_: Task) -> int:
+        nonlocal count
+        seen, count = count, 0
+        return seen
+
+    module.handles(told, resource=resource, direct=direct)(come)
+    module.handles(asked, resource=resource, direct=direct)(since)
+
+
+def run_together(*modules: Module) -> None:
+    """Run several modules in this process, until it is ended."""
+    with contextlib.ExitStack() as stack:
+        for module in modules:
+            stack.enter_context(module.running(patience=SOON))
+        threading.Event().wait()
+
+
+def listen(address: str) -> None:
+    """The modules that hear the broadcast."""
+    listeners = [Module(f"listener {number}", address) for number in range(LISTENERS)]
+    for listener, heard in zip(listeners, HEARD, strict=True):
+        add_counter(listener, TICK, heard, listener.name)
+    run_together(*listeners)
+
+
+def idle(address: str, first: int, number: int) -> None:
+    """Modules that have nothing to do."""
+    modules = [Module(f"idle {first + one}", address) for one in range(number)]
+    for module in modules:
+        module.handles(Inform(f"to {module.name}", int))(lambda _, __: None)
+    run_together(*modules)
+
+
+class Library(Contestant):
+    """Client, central and one module; its listeners are a process of their own."""
+
+    direct = False
+    """Whether the module takes queries and informs straight from the client."""
+
+    def __init__(self, journal: str = "batch", taps: int = 0, crowd: int = 0) -> None:
+        super().__init__()
+        self.journal, self.taps, self.crowd = journal, taps, crowd
+
+    def start(self) -> None:
+        address = address_in(self.folder)
+        options = JOURNALS[self.journal]
+        keeps = () if self.journal == "off" else ("--journal", str(self.folder / "journal"))
+        self.children.central(self.folder, *options, *keeps)
+        self.children.serve(serve, address, self.direct)
+        if not self.crowd:
+            self.children.serve(listen, address)
+        sizes = [(first, min(TOGETHER, self.crowd - first)) for first in range(0, self.crowd, TOGETHER)]
+        self.idle = [self.children.serve(idle, address, *size) for size in sizes]
+        self.client = connect("bench", address, SOON)
+        for note in NOTES[: self.taps]:
+            self.client.tap(Condition.WHILE_HANDLING, PING[1], note)
+
+    def stop(self) -> None:
+        if hasattr(self, "client"):
+            self.client.close()
+        super().stop()
+
+    def ready(self) -> None:
+        messages: list[Any] = [*PING.values(), POSE, SEEN, MOVE, THREE_MOVES, MANY_MOVES, *NOTES]
+        messages += [] if self.crowd else [TICK, *HEARD]
+        self.client.wait_until_handled(*messages, timeout=SOON)
+        end = time.monotonic() + SOON
+        while len(self.client.modules()) < self.crowd and time.monotonic() < end:
+            time.sleep(0.2)
+        self.round_trip(10, 100)  # central tells of the direct way
+
+    def round_trip(self, number: int, size: int) -> list[float]:
+        body, ping = body_of(size), PING[1]
+        return timed(number, lambda: self.client.query(ping, body))
+
+    def pipelined(self, number: int, slots: int) -> None:
+        ping, body = PING[slots], body_of(100)
+        keep_open(number, lambda: self.client.query_send(ping, body).receive)
+
+    def oneway(self, number: int) -> None:
+        body = body_of(100)
+        for _ in range(number):
+            self.client.inform(POSE, body)
+        check_arrived(number, self.client.query(SEEN))
+
+    def fanout(self, number: int) -> None:
+        body = body_of(100)
+        for _ in range(number):
+            self.client.broadcast(TICK, body)
+        pending = [self.client.query_send(heard) for heard in HEARD]
+        check_arrived(number, *(reply.receive() for reply in pending))
+
+    def commands(self, number: int) -> list[float]:
+        body = body_of(100)
+        return timed(number, lambda: self.client.command(MOVE, body, sequential=False).result())
+
+    def commands_open(self, number: int) -> None:
+        body = body_of(100)
+        keep_open(number, lambda: self.client.command(MOVE, body, sequential=False).result)
+
+    def goals(self, number: int) -> list[float]:
+        body = body_of(100)
+        return timed(number, lambda: self.client.goal(THREE_MOVES, body, sequential=False).wait())
+
+    def chain(self, number: int) -> None:
+        self.client.goal(MANY_MOVES, number, sequential=False).wait()
+
+    def idle_load(self, number: int) -> float:
+        """The part of a processor, in per cent, that the idle crowd uses, measured for so many seconds."""
+        before = sum(map(processor_seconds, self.idle))
+        time.sleep(number)
+        return (sum(map(processor_seconds, self.idle)) - before) / number * 100
+
+
+class Straight(Library):
+    """With direct messages; what can't be one is left out."""
+
+    direct = True
+
+    def ready(self) -> None:
+        super().ready()
+        until(self._check_in_order)
+
+    def oneway(self, number: int) -> None:
+        for begun in range(0, number, MOST_DIRECT):
+            super().oneway(min(number - begun, MOST_DIRECT))
+
+    def _check_in_order(self) -> None:
+        """The first inform goes through central, which the question after it may not."""
+        try:
+            self.oneway(1)
+        except Lost as error:
+            raise NotThere("central has not told of the direct way yet") from error
+
+    fanout, commands, commands_open = Contestant.fanout, Contestant.commands, Contestant.commands_open

@@ -1,0 +1,101 @@
+"""Mosquitto with paho: quality of service 0, which is the fastest; each client has the thread that paho gives it."""
+
+import getpass
+import threading
+from functools import partial
+from typing import Any
+
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion
+
+from dev.benchmarks.messages.contestant import COUNT, ECHO, LISTENERS, OPEN, NotThere, body_of, timed, until
+from dev.benchmarks.messages.processes import program_path
+from dev.benchmarks.messages.publishing import Publishing
+
+CONFIGURATION = """
+listener 0 {path}
+allow_anonymous true
+persistence false
+max_queued_messages 0
+max_queued_bytes 0
+user {user}
+"""
+
+
+def joined(path: str, topic: str, handle: Any, *, own_thread: bool = True) -> Client:
+    """A client that hears a topic."""
+    client = Client(CallbackAPIVersion.VERSION2, transport="unix")
+    client.on_message = handle
+    client.on_connect = lambda *_: client.subscribe(topic)
+    try:
+        client.connect(path)
+    except OSError as error:
+        raise NotThere("mosquitto does not answer") from error
+    if own_thread:
+        client.loop_start()
+    return client
+
+
+def _handler(answers: str) -> Any:
+    count = 0
+
+    def handle(client: Client, _: Any, message: Any) -> None:
+        nonlocal count
+        kind = message.payload[:1]
+        if kind == COUNT:
+            count += 1
+            return
+        client.publish(answers, message.payload if kind == ECHO else str(count))
+        count = 0
+
+    return handle
+
+
+def serve(path: str) -> None:
+    """The server."""
+    joined(path, "pose", _handler("replies"), own_thread=False).loop_forever()
+
+
+def listen(path: str) -> None:
+    """The clients that hear a broadcast."""
+    ears = [joined(path, "tick", _handler("replies")) for _ in range(LISTENERS)]
+    threading.Event().wait()
+    del ears
+
+
+class Mosquitto(Publishing):
+    """Client, broker, server, which sends back what it hears under *pose*, or counts it."""
+
+    def start(self) -> None:
+        path = f"{self.folder}/mosquitto.sock"
+        configuration = self.folder / "mosquitto.conf"
+        configuration.write_text(CONFIGURATION.format(path=path, user=getpass.getuser()))
+        self.children.program(program_path("mosquitto"), "-c", configuration)
+        until(lambda: self._connect(path))
+        self.children.serve(serve, path)
+        self.children.serve(listen, path)
+
+    def _connect(self, path: str) -> None:
+        self.line = joined(path, "replies", lambda _, __, message: self.told.put(message.payload))
+
+    def publisher(self, name: str) -> Any:
+        return partial(self.line.publish, name)
+
+    def round_trip(self, number: int, size: int) -> list[float]:
+        body = body_of(size)
+
+        def exchange() -> None:
+            self.line.publish("pose", body)
+            self.told.get()
+
+        return timed(number, exchange)
+
+    def pipelined(self, number: int, slots: int) -> None:
+        del slots
+        body = body_of(100)
+        for one in range(number):
+            if one >= OPEN:
+                self.told.get()
+            self.line.publish("pose", body)
+        for _ in range(min(number, OPEN)):
+            self.told.get()

@@ -1,0 +1,139 @@
+"""Redis with redis-py: lists for messages to one, in blocks where many wait; what is published for those to many."""
+
+import threading
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import redis
+
+from dev.benchmarks.messages.contestant import (
+    COUNT,
+    ECHO,
+    LISTENERS,
+    MARK,
+    OPEN,
+    Contestant,
+    NotThere,
+    body_of,
+    check_arrived,
+    timed,
+    until,
+)  # fmt: skip
+from dev.benchmarks.messages.processes import Children, program_path
+
+FOREVER = 0
+
+
+def start_redis(children: Children, folder: Path) -> str:
+    """Start a server that keeps nothing on the disk, and return its socket."""
+    path = f"{folder}/redis.sock"
+    options = ("--port", 0, "--unixsocket", path, "--save", "", "--appendonly", "no", "--dir", folder)
+    limits = ("--client-output-buffer-limit", "pubsub 0 0 0")
+    children.program(program_path("redis-server"), *options, *limits)
+    line = connected(path)
+    until(lambda: _check_there(line))
+    return path
+
+
+def connected(path: str) -> Any:
+    """A client, which waits for as long as it must."""
+    return redis.Redis(unix_socket_path=path, socket_timeout=None)
+
+
+def _check_there(line: Any) -> None:
+    try:
+        line.ping()
+    except redis.ConnectionError as error:
+        raise NotThere("redis-server does not answer") from error
+
+
+def serve(path: str) -> None:
+    """Take what waits in the list, all at once, and push the answers together."""
+    line = connected(path)
+    count = 0
+    while True:
+        _, first = line.blpop("work", FOREVER)
+        replies = []
+        for body in (first, *(line.lpop("work", OPEN) or ())):
+            kind = body[:1]
+            if kind == COUNT:
+                count += 1
+                continue
+            replies.append(body if kind == ECHO else str(count).encode())
+            count = 0
+        if replies:
+            line.rpush("replies", *replies)
+
+
+def listen(path: str) -> None:
+    """The connections that hear a broadcast, a thread each."""
+    for _ in range(LISTENERS):
+        threading.Thread(target=_hear, args=(path,), daemon=True).start()
+    threading.Event().wait()
+
+
+def _hear(path: str) -> None:
+    told, line = connected(path), connected(path).pubsub(ignore_subscribe_messages=True)
+    line.subscribe("tick")
+    count = 0
+    for message in line.listen():
+        if message["data"][:1] == MARK:
+            told.rpush("heard", count)
+            count = 0
+        else:
+            count += 1
+
+
+class Redis(Contestant):
+    """Client, server of Redis, our server."""
+
+    def start(self) -> None:
+        path = start_redis(self.children, self.folder)
+        self.line = connected(path)
+        self.children.serve(serve, path)
+        self.children.serve(listen, path)
+
+    def ready(self) -> None:
+        super().ready()
+        until(self._check_all_hear)
+
+    def _check_all_hear(self) -> None:
+        if dict(self.line.pubsub_numsub("tick"))[b"tick"] < LISTENERS:
+            raise NotThere("not all listeners are connected yet")
+
+    def round_trip(self, number: int, size: int) -> list[float]:
+        body = body_of(size)
+
+        def exchange() -> None:
+            self.line.rpush("work", body)
+            self.line.blpop("replies", FOREVER)
+
+        return timed(number, exchange)
+
+    def pipelined(self, number: int, slots: int) -> None:
+        del slots
+        body, waiting, left = body_of(100), 0, number
+        while left:
+            if fresh := min(OPEN - waiting, left - waiting):
+                self.line.rpush("work", *[body] * fresh)
+                waiting += fresh
+            self.line.blpop("replies", FOREVER)
+            come = 1 + len(self.line.lpop("replies", OPEN) or ())
+            waiting, left = waiting - come, left - come
+
+    def oneway(self, number: int) -> None:
+        bodies = iter([body_of(100, COUNT)] * number)
+        while block := list(islice(bodies, OPEN)):
+            self.line.rpush("work", *block)
+        self.line.rpush("work", MARK)
+        check_arrived(number, int(self.line.blpop("replies", FOREVER)[1]))
+
+    def fanout(self, number: int) -> None:
+        bodies = iter([*[body_of(100, COUNT)] * number, MARK])
+        while block := list(islice(bodies, OPEN)):
+            together = self.line.pipeline(transaction=False)
+            for body in block:
+                together.publish("tick", body)
+            together.execute()
+        check_arrived(number, *(int(self.line.blpop("heard", FOREVER)[1]) for _ in range(LISTENERS)))

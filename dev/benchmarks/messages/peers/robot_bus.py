@@ -1,0 +1,127 @@
+"""robot-bus with its Python nodes: services, topics and actions, all with plain bytes."""
+
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+import robot_bus
+
+from dev.benchmarks.messages.contestant import (
+    COUNT,
+    LISTENERS,
+    OPEN,
+    SOON,
+    NotThere,
+    body_of,
+    keep_open,
+    shares,
+    timed,
+    until,
+)
+from dev.benchmarks.messages.processes import free_port
+from dev.benchmarks.messages.publishing import Publishing
+
+
+def node(name: str, port: int) -> Any:
+    """A node. Raises NotThere as long as there is no broker."""
+    try:
+        return robot_bus.Node.discover(name, transport="tcp", api_url=f"http://127.0.0.1:{port}")
+    except Exception as error:  # it has no class of its own
+        raise NotThere(f"no broker: {error}") from error
+
+
+def serve(port: int) -> None:
+    """A service, an action, and a topic that is counted."""
+    server = node("server", port)
+    server.create_service("/ping", lambda body: body)
+    server.create_action_server("/move", lambda _: [("RESULT", b"")])
+    _count(server, "/pose")
+    server.start()
+    threading.Event().wait()
+
+
+def listen(port: int) -> None:
+    """The nodes that hear a broadcast."""
+    nodes = [node(f"listener {number}", port) for number in range(LISTENERS)]
+    for one in nodes:
+        _count(one, "/tick")
+        one.start()
+    threading.Event().wait()
+
+
+def _count(one: Any, topic: str) -> None:
+    count = 0
+    told = one.create_publisher("/told")
+
+    def hear(body: bytes) -> None:
+        nonlocal count
+        if body[:1] == COUNT:
+            count += 1
+        else:
+            told.publish(str(count).encode())
+            count = 0
+
+    one.create_subscription(topic, hear, qos_depth=100_000)
+
+
+class RobotBus(Publishing):
+    """Client, broker, server; over TCP."""
+
+    pose, tick = "/pose", "/tick"
+
+    def start(self) -> None:
+        port = free_port()
+        place = ("--api-listen", f"127.0.0.1:{port}", "--advertise-host", "127.0.0.1")
+        self.children.program(sys.executable, "-m", "robot_bus.broker", *place, "--snd-hwm", 0, "--rcv-hwm", 0)
+        until(lambda: self._join(port))
+        self.children.serve(serve, port)
+        self.children.serve(listen, port)
+
+    def _join(self, port: int) -> None:
+        self.node = node("client", port)
+        self.node.create_subscription("/told", self.told.put, qos_depth=100_000)
+        names = self.pose, self.tick
+        self.publishers = {name: self.node.create_publisher(name, qos_depth=100_000) for name in names}
+        self.services = [self.node.create_client("/ping") for _ in range(OPEN)]
+        self.action = self.node.create_action_client("/move")
+        self.threads = ThreadPoolExecutor(OPEN)
+        self.node.start()
+
+    def ready(self) -> None:
+        if not self.services[0].wait_for_service(SOON) or not self.action.wait_for_action_server(SOON):
+            raise NotThere("our server is not connected yet")
+        super().ready()
+
+    def publisher(self, name: str) -> Any:
+        return self.publishers[name].publish
+
+    def round_trip(self, number: int, size: int) -> list[float]:
+        body, service = body_of(size), self.services[0]
+        return timed(number, lambda: service.call(body, SOON))
+
+    def pipelined(self, number: int, slots: int) -> None:
+        """It has no call that does not wait: so each has a thread and a client of its own."""
+        del slots
+        body = body_of(100)
+
+        def calls(service: Any, share: int) -> None:
+            for _ in range(share):
+                service.call(body, SOON)
+
+        list(self.threads.map(calls, self.services, shares(number)))
+
+    def commands(self, number: int) -> list[float]:
+        body = body_of(100)
+        return timed(number, lambda: self.action.send_goal(body).result(SOON))
+
+    def commands_open(self, number: int) -> None:
+        body = body_of(100)
+        keep_open(number, lambda: partial(self.action.send_goal(body).result, SOON))
+
+    def stop(self) -> None:
+        if hasattr(self, "node"):
+            self.threads.shutdown(wait=False)
+            self.node.shutdown()
+        super().stop()

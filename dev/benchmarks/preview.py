@@ -1,0 +1,133 @@
+"""What a preview costs, by the length of its list.
+
+    python -m dev.benchmarks.preview [--lengths 10,100,1000,10000] [--rounds 7]
+
+Most machines are chains of states, whose activities take turns at four agents and variables. From each state of them
+another arrow leads to a dead end, or back to the start, or leaves out the next state and is almost as likely. The last
+machine is a tree whose arrows are all equally likely: there, the walk has to look everywhere.
+"""
+
+import argparse
+import gc
+from collections.abc import Callable, Sequence
+from time import perf_counter
+
+from tca_behaviours.coordination import (
+    Activity,
+    Agent,
+    Discrete,
+    Do,
+    LikelyArrow,
+    PreviewLimits,
+    Situation,
+    most_likely,
+)
+from tca_behaviours.coordination.preview.branches import BareArrow, live_variables
+from tca_behaviours.coordination.preview.decide import Present, decide
+from tca_module import Command
+
+AGENTS = [Agent(name) for name in ("base", "arm", "gripper", "camera")]
+MOVE = Command("move", str, progress=float)
+LIMITS = PreviewLimits()
+
+
+class Chain:
+    """States 0 to the length lead to one another. What leads aside ends in a state of its own."""
+
+    def __init__(self, arrows: Callable[[int, int], Sequence[LikelyArrow]], length: int) -> None:
+        self.looked_at = 0
+        self.length = length
+        self._arrows = [list(arrows(state, length)) if state < length else [] for state in range(2 * length + 1)]
+        self._activities = [self._activity(state) for state in range(2 * length + 1)]
+
+    @staticmethod
+    def _activity(state: int) -> Activity:
+        agent = AGENTS[state % len(AGENTS)]
+        return Activity(Do(MOVE, "there", agent), makes={agent.name: state}, cost=0.1)
+
+    def arcs(self, state: int) -> Sequence[LikelyArrow]:
+        self.looked_at += 1
+        return self._arrows[state]
+
+    def activity(self, state: int) -> Activity | None:
+        return self._activities[state]
+
+    def waits(self, state: int) -> bool:
+        return state < 0
+
+    @property
+    def needed(self) -> dict[int, dict[str, int]]:
+        bare = {state: [BareArrow(arrow.target) for arrow in arrows] for state, arrows in enumerate(self._arrows)}
+        return live_variables(bare, dict(enumerate(self._activities)))
+
+
+def plain(state: int, _: int) -> list[LikelyArrow]:
+    return [LikelyArrow("done", state + 1, 1.0)]
+
+
+def dead_ends(state: int, length: int) -> list[LikelyArrow]:
+    return [LikelyArrow("failed", length + 1 + state, 0.0001), LikelyArrow("done", state + 1, 0.9999)]
+
+
+def back(state: int, _: int) -> list[LikelyArrow]:
+    return [LikelyArrow("failed", 0, 0.1), LikelyArrow("done", state + 1, 0.9)]
+
+
+def ladder(state: int, length: int) -> list[LikelyArrow]:
+    """Of each two states one is left out, or not."""
+    return [LikelyArrow("short", min(state + 2, length), 0.45), LikelyArrow("done", state + 1, 0.55)]
+
+
+def tree(state: int, _: int) -> list[LikelyArrow]:
+    return [LikelyArrow(f"done {way}", 2 * state + way, 0.5) for way in (1, 2)]
+
+
+CASES = {
+    "no other arrow": plain,
+    "unlikely dead ends": dead_ends,
+    "back to the start": back,
+    "almost equal": ladder,
+    "tree, all equal": tree,
+}
+
+
+def least(rounds: int, work: Callable[[], object]) -> float:
+    """The least time in milliseconds."""
+    times = []
+    for _ in range(rounds):
+        begin = perf_counter()
+        work()
+        times.append(perf_counter() - begin)
+    return 1e3 * min(times)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--lengths", default="10,100,1000,10000")
+    parser.add_argument("--rounds", type=int, default=7)
+    given = parser.parse_args()
+    gc.disable()
+    print(
+        f"{'arrows':20} {'states':>7} {'list':>7} {'looked at':>10} {'walk ms':>9} {'us/state':>9} {'decision ms':>12}"
+    )
+    for case, arrows in CASES.items():
+        for length in map(int, given.lengths.split(",")):
+            chain = Chain(arrows, length)
+            found = most_likely(chain, 0, LIMITS)
+            looked_at = chain.looked_at
+            walk = least(given.rounds, lambda chain=chain: most_likely(chain, 0, LIMITS))  # type: ignore[misc]
+            present = Present(0, {}, Situation(progress=0.7))
+            needed = chain.needed
+            whole = least(
+                given.rounds,
+                lambda chain=chain, present=present, needed=needed: decide(chain, present, Discrete(), needed, LIMITS),  # type: ignore[misc]
+            )
+            per_state = 1e3 * walk / len(found)
+            print(
+                f"{case:20} {length:7,} {len(found):7,} {looked_at:10,} {walk:9.3f} {per_state:9.2f} {whole:12.3f}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

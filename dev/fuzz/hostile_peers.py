@@ -1,0 +1,249 @@
+"""The module library under a hostile central, and its direct lines under hostile modules: never an exception, and
+whatever the library says can be read by those to whom it says it.
+"""
+
+import logging
+from collections import deque
+from typing import Any
+
+from dev.fuzz.choices import Choices
+from dev.fuzz.grammar import Grammar, damaged
+from tca_module.direct.inbox import Inbox
+from tca_module.direct.note_batch import NoteBatch
+from tca_module.direct.path import DirectPath
+from tca_module.errors import MisuseError
+from tca_module.session.request import Request
+from tca_module.session.session import HELLO_NUMBER, Session
+from tca_wire.errors import ProtocolError
+from tca_wire.packets import headers
+from tca_wire.packets.codec import misfit, pack_item, unpack_to_central, unpack_to_module
+from tca_wire.packets.direct import FromEntrance, Greet, ToEntrance, unpack_from_entrance, unpack_to_entrance
+from tca_wire.packets.headers import PROTOCOL_VERSION, Fail, Hello, Reply, Send, ToCentral, ToModule
+from tca_wire.packets.parts import HandlerFormat, MessageFormat
+from tca_wire.packets.routes import Entrance
+from tca_wire.vocabulary import MessageClass
+
+MOST_STEPS = 100
+KEY = "the key"
+_NAMES = ("walk", "move", "note", "where")
+_CLASSES = (MessageClass.GOAL, MessageClass.COMMAND, MessageClass.INFORM, MessageClass.QUERY)
+_SILENT = logging.getLogger("fuzz")
+_SILENT.disabled = True
+
+
+class _Steps:
+    """Time, choices and a grammar of those that attack a party."""
+
+    def __init__(self, data: bytes) -> None:
+        self.choices = Choices(data)
+        self.now = 0.0
+
+    def __iter__(self) -> "_Steps":
+        return self
+
+    def __next__(self) -> int:
+        if self.choices.is_over or self.now > MOST_STEPS:
+            raise StopIteration
+        self.now += 1 + self.choices.below(3)
+        return self.choices.below(12)
+
+    def clock(self) -> float:
+        """The present time."""
+        return self.now
+
+
+# --- a session -------------------------------------------------------------------------------------------------------
+
+
+class _Client:
+    """A program with one connection."""
+
+    def __init__(self, data: bytes) -> None:
+        self.steps = _Steps(data)
+        self.choices = self.steps.choices
+        self.session = Session(Hello(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "run of legs", 1, "legs"))
+        self.requests: list[Request] = []
+        self.given: list[int] = []
+        self._grammar = Grammar(self.choices, {
+            "number": self._numbers, "delivery": lambda: [*self.given[-4:], 1, 2], "message": lambda: _NAMES,
+            "ahead": lambda: (0, 1, 2), "deliveries": lambda: self.given[-4:], "epoch": lambda: ("one", "two"),
+        })  # fmt: skip
+        formats = [MessageFormat(name, one, "{}") for name, one in zip(_NAMES, _CLASSES, strict=True)]
+        self.session.declared(formats, [HandlerFormat("move", "legs")], is_ready=True)
+        self.session.receive(headers.Welcome(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "one"), b"", 0.0)
+
+    def _numbers(self) -> list[int]:
+        return [one.header.number for one in self.requests[-6:]] + [0, HELLO_NUMBER]
+
+    def step(self, kind: int) -> None:
+        choices, session, now = self.choices, self.session, self.steps.now
+        if kind < 6:
+            header = self._grammar.header(choices.one_of(ToModule.__args__))
+            packet = pack_item(header, choices.take(choices.below(6)))
+            self.hear(damaged(packet, choices) if kind == 0 else packet)
+        elif kind == 6:
+            self.hear(choices.take(8 + choices.below(40)))
+        elif kind == 7:
+            self._ask()
+        elif kind == 8:
+            self._answer()
+        elif kind == 9 and self.requests:
+            session.abandon(self.requests.pop(choices.below(len(self.requests))))
+        elif kind == 10:
+            session.tend(now, now - choices.below(60))
+        else:
+            session.break_off()
+        self.leave()
+
+    def hear(self, packet: bytes) -> None:
+        """A packet comes from central."""
+        try:
+            items = unpack_to_module(packet)
+        except ProtocolError:
+            return
+        for header, body in items:
+            self.session.receive(header, body, self.steps.now)
+
+    def _ask(self) -> None:
+        header = self._grammar.header(self.choices.one_of(ToCentral.__args__))
+        if "number" not in header.__struct_fields__ or isinstance(header, Hello):
+            if not misfit(header):
+                self.session.post(header)
+            return
+        try:
+            self.requests.append(self.session.request(header, b"\x07", wants_answer=self.choices.is_one_in(2)))
+            task = Send(0, self.choices.one_of(_NAMES))
+            self.requests.append(self.session.send_task(task, b"\x07", "a task"))
+        except MisuseError:
+            pass
+
+    def _answer(self) -> None:
+        session = self.session
+        for queue in (session.deliveries, session.ahead):
+            if queue:
+                header, _ = queue.popleft()
+                self.given.append(header.delivery)
+        if self.given:
+            number = self.given[-1]
+            answer = Reply(number) if self.choices.is_one_in(2) else Fail(number, "slipped", "why")
+            session.reply(answer, b"\xc0", self.steps.now)
+
+    def leave(self) -> None:
+        """What is to be said leaves, and the thread that owns the connection does what there is to do."""
+        session = self.session
+        while session.news:
+            session.news.popleft()()
+        session.complaints.clear()
+        session.routing.clear()
+        for item in session.take_outgoing(self.steps.clock):
+            assert unpack_to_central(pack_item(*item)), "nothing is said"
+        for request in self.requests:
+            assert request.why_failed is not None
+
+
+def attack_session(data: bytes) -> None:
+    """A central that says what it likes."""
+    client = _Client(data)
+    for kind in client.steps:
+        client.step(kind)
+
+
+# --- direct lines ----------------------------------------------------------------------------------------------------
+
+
+class _Socket:
+    """Both kinds of sockets of direct lines: what is to be received is put in by hand."""
+
+    is_paused = False
+    is_connected = True
+
+    def __init__(self, choices: Choices, unpack: Any) -> None:
+        self.arrived: deque[Any] = deque()
+        self._choices = choices
+        self._unpack = unpack
+
+    def receive(self) -> Any:
+        """What has arrived."""
+        return self.arrived.popleft() if self.arrived else None
+
+    def send(self, *to_and_packet: bytes) -> bool:
+        """Whether it left: that depends."""
+        assert self._unpack(to_and_packet[-1]), "nothing is said"
+        return not self._choices.is_one_in(8)
+
+    def close(self) -> None:
+        """The end."""
+
+    def fileno(self) -> int:
+        """No file."""
+        return -1
+
+    def has_arrived(self) -> bool:
+        """Whether there is something to receive."""
+        return bool(self.arrived)
+
+
+def attack_entrance(data: bytes) -> None:
+    """Modules that say what they like to a slot, with its key and without."""
+    steps = _Steps(data)
+    choices = steps.choices
+    socket, notes = _Socket(choices, unpack_from_entrance), NoteBatch()
+    inbox = Inbox(socket, KEY, {"note": False, "where": True}, notes, steps.clock, _SILENT)
+    grammar = Grammar(choices, {
+        "key": lambda: (KEY,), "version": lambda: (PROTOCOL_VERSION,), "session": lambda: ("one", "two"),
+        "message": lambda: ("note", "where"), "number": lambda: range(1, 9), "newest": lambda: range(9),
+    })  # fmt: skip
+    session = Session(Hello(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "run of legs"))
+    session.receive(headers.Welcome(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "one"), b"", 0.0)
+    for kind in steps:
+        address = b"%d" % choices.below(4)
+        if kind < 8:
+            header = grammar.header(Greet if kind == 0 else choices.one_of(ToEntrance.__args__))
+            packet = pack_item(header, choices.take(choices.below(6)))
+            frames = [damaged(packet, choices) if kind == 1 else packet] * (1 + (kind == 2))
+            socket.arrived.append((address, frames))
+        elif kind == 8:
+            socket.arrived.append((address, [choices.take(choices.below(40))]))
+        elif inbox.is_busy:
+            inbox.reply(Reply(-1) if kind % 2 else Fail(-1, "slipped", "why"), b"\xc0")
+        else:
+            inbox.take()
+        inbox.listen()
+        notes.report(session, steps.now)
+        for item in session.take_outgoing(steps.clock):
+            assert unpack_to_central(pack_item(*item)), "nothing is said"
+    inbox.close()
+
+
+def attack_path(data: bytes) -> None:
+    """A slot that says what it likes to a module that sends there."""
+    steps = _Steps(data)
+    choices = steps.choices
+    over: list[Request] = []
+    elsewhere: list[Request] = []
+    lost: list[tuple[str, int, str]] = []
+    socket = _Socket(choices, unpack_to_entrance)
+    path = DirectPath(
+        Entrance("ipc:///there", KEY), socket, "one", "user", end=over.append, hand_over=elsewhere.append,
+        lose=lambda message, number, why: lost.append((message, number, why)),
+    )  # fmt: skip
+    grammar = Grammar(choices, {"number": lambda: range(1, 9), "newest": lambda: range(9)})
+    asked, told = 0, 0
+    for kind in steps:
+        if kind < 5:
+            header = grammar.header(choices.one_of(FromEntrance.__args__))
+            packet = pack_item(header, choices.take(choices.below(6)))
+            socket.arrived.append(damaged(packet, choices) if kind == 0 else packet)
+        elif kind == 5:
+            socket.arrived.append(choices.take(choices.below(40)))
+        elif kind < 8 and path.is_usable:
+            asked += path.ask(Request(Send(0, "where"), b"\x07", wants_answer=True), steps.now)
+        elif kind < 10 and path.is_usable:
+            told += path.tell(Send(0, "note"), b"\x07")
+        elif kind == 11 and choices.is_one_in(16):
+            path.gone("it is gone", steps.now, lost=choices.is_one_in(2))
+        path.receive()
+        path.tend(steps.now)
+    path.lose_all("it is over")
+    assert len(over) + len(elsewhere) == asked, "a query has two ends, or none"
+    assert sum(number for _, number, _ in lost) <= told, "more is lost than was sent"

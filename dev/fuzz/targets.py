@@ -1,0 +1,38 @@
+"""The targets, by name: each takes any bytes, and raises nothing unless there is a fault."""
+
+from collections.abc import Callable
+from random import Random
+from typing import NamedTuple
+
+from dev.fuzz import hostile_central, hostile_files, hostile_image, hostile_inputs, hostile_peers, hostile_toml
+
+
+class Target(NamedTuple):
+    """Something that is attacked."""
+
+    attack: Callable[[bytes], None]
+    seeds: Callable[[], list[bytes]]
+    """Inputs to begin with."""
+    most: int
+    """Bytes of an input."""
+
+
+def _random(longest: int, number: int = 20) -> Callable[[], list[bytes]]:
+    """Random choices: where every input makes sense, there is nothing better to begin with."""
+    return lambda: [(chance := Random(seed)).randbytes(chance.randrange(longest)) for seed in range(number)]  # noqa: S311
+
+
+TARGETS = {
+    "central": Target(hostile_central.attack, _random(400), 800),
+    "packets": Target(hostile_central.attack_with_bytes, hostile_central.seeds_of_bytes, 8000),
+    "image": Target(hostile_image.attack, _random(40), 60),
+    "inputs": Target(hostile_inputs.attack, _random(400), 800),
+    "session": Target(hostile_peers.attack_session, _random(600), 1200),
+    "entrance": Target(hostile_peers.attack_entrance, _random(400), 800),
+    "path": Target(hostile_peers.attack_path, _random(400), 800),
+    "journal": Target(hostile_files.attack_journal, _random(400), 800),
+    "journal-bytes": Target(hostile_files.attack_journal_with_bytes, hostile_files.seeds_of_journals, 4000),
+    "data": Target(hostile_files.attack_data, hostile_files.seeds_of_data, 400),
+    "toml": Target(hostile_toml.attack, _random(300), 600),
+    "formats": Target(hostile_files.attack_formats, _random(300), 600),
+}

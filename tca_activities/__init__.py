@@ -1,8 +1,0 @@
-"""Components whose statecharts run their activities on periodic threads, allocated at run time."""
-
-from tca_activities.analysis import automatic as automatic
-from tca_activities.analysis import one_each as one_each
-from tca_activities.analysis import one_for_all as one_for_all
-from tca_activities.application import POLICIES as POLICIES
-from tca_activities.application import Application as Application
-from tca_activities.processing import VirtualBaton as VirtualBaton

@@ -1,4 +1,0 @@
-"""Processors: threads that tick activities, one at a time, as a pure schedule says."""
-
-from tca_activities.processing.baton import Baton as Baton
-from tca_activities.processing.virtual_baton import VirtualBaton as VirtualBaton

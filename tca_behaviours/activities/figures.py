@@ -1,0 +1,88 @@
+"""Reports of an application, from its schedule: how it is allocated, what was measured, and what analysis says."""
+
+from collections.abc import Sequence
+
+from tca_behaviours.activities.analysis import Demand, is_hyperbolic, liu_layland, response_bounds, utilisation
+from tca_behaviours.activities.processing.schedule import Processor, Schedule, ScheduledActivity
+from tca_behaviours.activities.reports import (
+    ActivityEntry,
+    ActivityFigures,
+    AllocationReport,
+    ApplicationFigures,
+    ProcessorEntry,
+    ProcessorFigures,
+)
+from tca_wire.text.measures import duration
+
+_RECENT, _RECENT_PERIODS = 10.0, 100
+"""Seconds, and periods, for which a late tick overrules the analysis: the longer of the two."""
+
+
+def allocation_report(application: str, policy: str, is_running: bool, schedule: Schedule) -> AllocationReport:
+    """How the activities are allocated."""
+    processors = [
+        ProcessorEntry(one.name, one.priority, one.period, [_entry(each) for each in one.activities])
+        for one in schedule.processors
+    ]
+    unallocated = [_entry(one) for one in schedule.activities.values() if one.processor is None]
+    return AllocationReport(application, policy, is_running, processors, unallocated)
+
+
+def application_figures(application: str, running_for: float, now: float, schedule: Schedule) -> ApplicationFigures:
+    """What was measured, and what analysis says."""
+    demands = [demand for one in schedule.processors if (demand := _demands(one.activities)) is not None]
+    is_known = len(demands) == len(schedule.processors)
+    bounds = response_bounds(demands) if is_known else [None for _ in schedule.processors]
+    processors = [
+        _processor(schedule, one, bound, is_known, now) for one, bound in zip(schedule.processors, bounds, strict=True)
+    ]
+    verdicts = {one.is_schedulable for one in processors}
+    return ApplicationFigures(
+        application,
+        running_for,
+        sum(one.load for one in processors),
+        sum(utilisation(one) for one in demands) if is_known else None,
+        liu_layland(len(schedule.processors)),
+        is_hyperbolic(utilisation(one) for one in demands) if is_known else None,
+        None if verdicts == {None} else False not in verdicts,
+        processors,
+        [_activity(one) for one in schedule.activities.values()],
+        schedule.held_by(now),
+        next((f"{one.name}: {one.refuted}" for one in processors if one.refuted), ""),
+    )
+
+
+def _demands(activities: Sequence[ScheduledActivity]) -> list[Demand] | None:
+    """None while one is not known."""
+    known = [Demand(one.name, one.period, one.cost) for one in activities if one.cost is not None]
+    return known if len(known) == len(activities) else None
+
+
+def _entry(one: ScheduledActivity) -> ActivityEntry:
+    return ActivityEntry(one.name, one.activity.component, one.period, one.activity.estimate)
+
+
+def _activity(one: ScheduledActivity) -> ActivityFigures:
+    did, left_out = one.execution, one.release.left_out
+    return ActivityFigures(
+        one.name, did.ticks, one.release.missed - left_out, left_out, did.errors, did.error, did.mean, did.longest,
+        one.times.response, one.times.jitter,
+    )  # fmt: skip
+
+
+def _processor(schedule: Schedule, one: Processor, bound: float | None, is_known: bool, now: float) -> ProcessorFigures:
+    """Measurement overrules analysis, unless the last late tick was long ago."""
+    jitter = max((each.times.jitter for each in one.activities), default=0.0)
+    margin = one.period - bound if bound is not None else None
+    verdict = bound is not None if is_known else None
+    last_late, refuted = None, ""
+    if late := schedule.last_late(one, bound or one.period, now):
+        last_late = now - late[0]
+        if verdict is not False and last_late <= max(_RECENT, _RECENT_PERIODS * one.period):
+            took = f"{duration(late[1])} from due to done {duration(last_late)} ago"
+            limit = f"the {'bound' if bound else 'period'} is {duration(bound or one.period)}"
+            verdict, refuted = False, f"refuted by measurement: {took}; {limit}"
+    return ProcessorFigures(
+        one.name, one.ticks, one.load.share(now), one.times.response, jitter, one.overruns, bound, margin, verdict,
+        refuted, last_late,
+    )  # fmt: skip

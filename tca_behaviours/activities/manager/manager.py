@@ -1,0 +1,186 @@
+"""The manager: it publishes an application, and has its commands carried out, in a module of the user's."""
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from tca_behaviours.activities.application import POLICIES, Application
+from tca_behaviours.activities.components import Component, Region, RegionChange
+from tca_behaviours.activities.manager.messages import (
+    REFUSED,
+    ActivityMove,
+    ActivityPeriod,
+    ApplicationEntry,
+    ApplicationMessages,
+    ComponentEntry,
+    Control,
+    ProcessorPriority,
+    RegionEntry,
+    StateEntry,
+    StatesReport,
+    TransitionEntry,
+)
+from tca_module import Callback, CentralLost, MisuseError, Module, Sender, Task, Timeout
+
+PERIOD = 0.1
+"""Seconds between two looks at what has changed."""
+
+_MOST_WAITING = 10_000
+"""Transitions that wait for central."""
+
+_PICTURES, _FIGURES = 2, 10
+"""Periods between two pictures, and between figures."""
+
+
+class Manager:
+    """Has an application known to central. *controls* are buttons for its page; *picture* draws its SVG."""
+
+    def __init__(
+        self, application: Application, *, controls: Iterable[Control] = (), picture: Callable[[], str] | None = None
+    ) -> None:
+        self.application = application
+        self.messages = ApplicationMessages(application.name)
+        self._controls = list(controls)
+        self._picture = picture
+        self._drawn = ""
+        self._module_name = ""
+        self._changes: deque[TransitionEntry] = deque(maxlen=_MOST_WAITING)
+        self._is_reallocated = False
+        self._is_behind = False
+        self._looks = 0
+        application.on_change(self._take_change)
+        application.on_add(self._take_component)
+
+    def handle_in(self, module: Module) -> None:
+        """Publish in this module, and handle commands, once it runs. It has a resource of its own for that, so that
+        other handlers of the module hold nothing up.
+        """
+        self._module_name = module.name
+        resource = module.resource(f"application {self.application.name}")
+        module.at_start(self._publish_all)
+        module.every(PERIOD, resource=resource)(self._publish)
+        steps: dict[Any, Callable[[Any], object]] = {
+            self.messages.allocate: self.application.allocate,
+            self.messages.move: self._move,
+            self.messages.set_period: self._set_period,
+            self.messages.set_priority: self._set_priority,
+            self.messages.set_policy: self._set_policy,
+            self.messages.initialise: lambda _: self.application.initialise(),
+            self.messages.start: lambda _: self.application.start(),
+            self.messages.stop: lambda _: self.application.stop(),
+        }
+        for message, step in steps.items():
+            module.handles(message, resource=resource)(_handler(step))
+
+    # --- commands ---------------------------------------------------------------------------------------------------
+
+    def _move(self, move: ActivityMove) -> None:
+        if move.processor:
+            self.application.move(move.activity, move.processor, move.position)
+        else:
+            self.application.remove(move.activity)
+
+    def _set_period(self, change: ActivityPeriod) -> None:
+        self.application.set_period(change.activity, change.period)
+
+    def _set_priority(self, change: ProcessorPriority) -> None:
+        self.application.set_priority(change.processor, change.priority)
+
+    def _set_policy(self, name: str) -> None:
+        if name not in POLICIES:
+            raise MisuseError(f"there is no policy '{name}': there are {', '.join(POLICIES)}")
+        self.application.allocate(POLICIES[name])
+
+    # --- what is told -----------------------------------------------------------------------------------------------
+
+    def _take_change(self) -> None:
+        self._is_reallocated = True
+
+    def _take_component(self, component: Component[Any]) -> None:
+        for region in component.regions.values():
+            region.on_transition(self._take_transition)
+        self._is_behind = True
+
+    def _take_transition(self, change: RegionChange) -> None:
+        region = f"{change.component}.{change.region}"
+        self._changes.append(TransitionEntry(region, change.source, change.target, change.event))
+
+    def _publish(self, sender: Callback) -> None:
+        self._looks += 1
+        try:
+            self._publish_news(sender)
+        except (CentralLost, Timeout):
+            self._is_behind = True  # what was told meanwhile may be lost
+
+    def _publish_news(self, sender: Sender) -> None:
+        """Whatever has changed. With a component more it is everything, and for a central that is new or was away."""
+        is_second = self._looks % _FIGURES == 0
+        if self._is_behind or (is_second and sender.get_variable(self.messages.application, None) is None):
+            self._publish_all(sender)
+        if self._changes:
+            self._publish_states(sender)
+        if self._is_reallocated:
+            self._publish_allocation(sender)
+        if self._looks % _PICTURES == 0:
+            self._publish_picture(sender)
+        if is_second:
+            sender.set_variable(self.messages.figures, self.application.figures(), wait=False)
+
+    def _publish_all(self, sender: Sender) -> None:
+        self._is_behind = False
+        name, components = self.application.name, self.application.components
+        entries = [_component_entry(component) for component in components.values()]
+        entry = ApplicationEntry(name, self._module_name, entries, list(POLICIES), self._controls)
+        self._drawn = ""
+        sender.set_variable(self.messages.application, entry)
+        self._publish_allocation(sender)
+        sender.set_variable(self.messages.figures, self.application.figures())
+        self._publish_states(sender)
+        self._publish_picture(sender)
+
+    def _publish_allocation(self, sender: Sender) -> None:
+        self._is_reallocated = False
+        sender.set_variable(self.messages.allocation, self.application.allocation())
+
+    def _publish_states(self, sender: Sender) -> None:
+        changes = list(self._changes)
+        states = {f"{region.component}.{region.name}": region.current for region in self._regions()}
+        sender.set_variable(self.messages.states, StatesReport(states, changes))
+        for change in changes:  # none is forgotten before central has it
+            if self._changes[0] is change:  # it has not given way to newer ones meanwhile
+                self._changes.popleft()
+
+    def _publish_picture(self, sender: Sender) -> None:
+        if self._picture is not None and (picture := self._picture()) != self._drawn:
+            self._drawn = picture
+            sender.set_variable(self.messages.picture, picture, wait=False)
+
+    def _regions(self) -> list[Region]:
+        components = self.application.components.values()
+        return [region for component in components for region in component.regions.values()]
+
+
+def _handler(step: Callable[[Any], object]) -> Callable[..., None]:
+    """Handles a command, with or without data, by a call that may be refused."""
+
+    def handle(_task: Task, data: Any = None) -> None:
+        try:
+            step(data)
+        except MisuseError as error:
+            raise REFUSED(text=str(error)) from None
+
+    return handle
+
+
+def _component_entry(component: Component[Any]) -> ComponentEntry:
+    return ComponentEntry(component.name, [_region_entry(region) for region in component.regions.values()])
+
+
+def _region_entry(region: Region) -> RegionEntry:
+    entries = []
+    todo = [state for state in reversed(region.states.values()) if state.parent is None]
+    while todo:
+        state = todo.pop()
+        entries.append(StateEntry(state.name, state.parent.name if state.parent else ""))
+        todo += reversed(state.children)
+    return RegionEntry(region.name, entries)

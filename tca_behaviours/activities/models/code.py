@@ -1,0 +1,219 @@
+"""The Python that is written anew each time: types and bases of components, and the application."""
+
+from collections.abc import Iterator
+
+from tca_behaviours.activities.models.layout import call, imported, literal
+from tca_behaviours.activities.models.methods import Method, methods
+from tca_behaviours.activities.models.model import (
+    ApplicationModel,
+    ComponentModel,
+    InstanceModel,
+    RegionModel,
+    StateModel,
+    TypeModel,
+)
+from tca_behaviours.activities.models.names import file_of
+from tca_behaviours.activities.models.statecharts import ordered
+
+MARK = "made by tca generate"
+
+
+def generated(model: ApplicationModel) -> str:
+    """The module of types and bases."""
+    return "\n".join(_generated(model)) + "\n"
+
+
+def _generated(model: ApplicationModel) -> Iterator[str]:
+    yield f'"""Types of data and bases of components, {MARK} from {model.name}.toml: changes would be lost."""'
+    yield "# isort: skip_file"
+    yield ""
+    yield from imported("abc", ["ABC", "abstractmethod"])
+    yield from imported("collections.abc", ["Callable"])
+    yield from imported("dataclasses", ["dataclass"])
+    yield ""
+    yield from imported("tca_behaviours.activities.components", ["Component"])
+    for kind in model.types.values():
+        if kind.module:
+            yield from imported(kind.module, [kind.name])
+    for kind in model.types.values():
+        if not kind.module:
+            yield from _class("@dataclass(frozen=True)", kind.name, "Data that ports pass.")
+            yield from _fields(f"{field}: {type_}" for field, type_ in kind.fields.items())
+    for component in model.components.values():
+        yield from _class("@dataclass", f"{component.name}Data", f"Data that the activities of {component.name} share.")
+        yield from _fields(
+            f"{field}: {type(value).__name__} = {literal(value)}" for field, value in component.data.items()
+        )
+        yield from _base(component)
+
+
+def _class(decorator: str, name: str, about: str) -> Iterator[str]:
+    yield from ("", "")
+    if decorator:
+        yield decorator
+    yield f"class {name}:"
+    yield f'    """{about}"""'
+
+
+def _fields(lines: Iterator[str]) -> Iterator[str]:
+    for number, line in enumerate(lines):
+        if not number:
+            yield ""
+        yield f"    {line}"
+
+
+def _base(component: ComponentModel) -> Iterator[str]:
+    data = f"{component.name}Data"
+    yield from _class("", f"{component.name}Base(Component[{data}], ABC)", f"The base of {component.name}.")
+    yield ""
+    yield f"    def __init__(self, name: str, data: Callable[[], {data}] = {data}) -> None:"
+    yield from call(8, "super().__init__(", ["name", "data", *_times(component.period, component.estimate)])
+    for port, input_ in component.inputs.items():
+        keep = [f"keep={input_.keep}"] if input_.keep > 1 else []
+        arguments = [literal(port), input_.type, f"self.take_{port}", *keep]
+        yield from call(8, f"self.{port} = self.input(", arguments)
+    for port, kind in component.outputs.items():
+        yield from call(8, f"self.{port} = self.output(", [literal(port), kind])
+    for region in component.regions:
+        arguments = [literal(region.name), *_times(region.period, region.estimate)]
+        yield from call(8, f"self.{region.name} = self.region(", arguments)
+    for region in component.regions:
+        yield f"        self._write_{region.name}()"
+    for region in component.regions:
+        yield ""
+        yield f"    def _write_{region.name}(self) -> None:"
+        yield from _region(region)
+    for method in distinct(component):
+        yield ""
+        yield "    @abstractmethod"
+        yield from _method(method)
+
+
+def _region(region: RegionModel) -> Iterator[str]:
+    yield f"        region = self.{region.name}"
+    if region.transitions or any(state.inside for state in region.states):
+        yield "        states = region.states"
+    for state in ordered(region.states):
+        around = f"states[{literal(state.inside)}]" if state.inside else "region"
+        yield from call(8, f"{around}.state(", _state(state))
+    for transition in region.transitions:
+        arguments = [f"states[{literal(transition.target)}]"]
+        if transition.on:
+            arguments.append(f"on={literal(transition.on)}")
+        if transition.when:
+            arguments.append(f"when=self.{transition.when}")
+        if transition.needs:
+            arguments.append(f"needs=[{', '.join(map(literal, transition.needs))}]")
+        yield from call(8, f"states[{literal(transition.source)}].to(", arguments)
+
+
+def _state(state: StateModel) -> Iterator[str]:
+    yield literal(state.name)
+    for option in ("entry", "exit", "activity"):
+        if method := getattr(state, option):
+            yield f"{option}=self.{method}"
+    yield from _times(state.period, state.estimate)
+
+
+def _times(period: float, estimate: float) -> Iterator[str]:
+    if period:
+        yield f"period={period!r}"
+    if estimate:
+        yield f"estimate={estimate!r}"
+
+
+def distinct(component: ComponentModel) -> list[Method]:
+    """The methods that are written by hand, each once."""
+    return list({method.name: method for method in reversed(list(methods(component)))}.values())[::-1]
+
+
+def _method(method: Method) -> Iterator[str]:
+    yield f"    {method.signature}"
+    yield f'        """{method.about}"""'
+
+
+# --- what is written once --------------------------------------------------------------------------------------------
+
+
+def skeleton(component: ComponentModel, types: dict[str, TypeModel], package: str) -> str:
+    """The module in which a component is written by hand."""
+    return "\n".join(_skeleton(component, types, package)) + "\n"
+
+
+def _skeleton(component: ComponentModel, types: dict[str, TypeModel], package: str) -> Iterator[str]:
+    yield f'"""Component {component.name}, written by hand: tca generate began it, and leaves it alone."""'
+    yield ""
+    names = {f"{package}generated": [f"{component.name}Base"]}
+    for name in {input_.type: None for input_ in component.inputs.values() if input_.type in types}:
+        names.setdefault(types[name].module or f"{package}generated", []).append(name)
+    for module in sorted(names):
+        yield from imported(module, names[module])
+    yield from _class("", f"{component.name}({component.name}Base)", f"What the activities of {component.name} do.")
+    for method in distinct(component):
+        yield ""
+        yield from written(method)
+
+
+def written(method: Method) -> Iterator[str]:
+    """A method that does nothing yet."""
+    yield from _method(method)
+    if method.is_guard:
+        yield "        return False"
+
+
+# --- the application -------------------------------------------------------------------------------------------------
+
+
+def application(model: ApplicationModel, package: str) -> str:
+    """The module that makes the instances and connects them."""
+    return "\n".join(_application(model, package)) + "\n"
+
+
+def _application(model: ApplicationModel, package: str) -> Iterator[str]:
+    kinds = sorted({instance.component for instance in model.instances.values()})
+    title = model.name.replace("_", " ").replace("-", " ")
+    yield f'"""The components of {model.name}.toml, connected: {MARK}, changes would be lost."""'
+    yield "# isort: skip_file"
+    yield ""
+    yield from imported("contextlib", ["suppress"])
+    yield from imported("threading", ["Event"])
+    yield from imported("typing", ["Any"])
+    yield ""
+    yield from imported("tca_behaviours.activities", ["Application"])
+    yield from imported("tca_behaviours.activities.components", ["Component", *["connect"] * bool(model.connections)])
+    for kind in kinds:
+        yield from imported(f"{package}{file_of(kind)}", [kind])
+    yield from imported(f"{package}generated", [f"{one.component}Data" for one in model.instances.values() if one.data])
+    yield from _class("", "Components", f"The components of {title}.")
+    yield ""
+    yield "    def __init__(self) -> None:"
+    for one in model.instances.values():
+        yield from call(8, f"self.{one.name} = {one.component}(", _made(one))
+    yield from call(8, "self.all: list[Component[Any]] = [", [f"self.{name}" for name in model.instances], "]")
+    for connection in model.connections:
+        ends = [f"self.{instance}.{port}" for instance, port in (connection.source, connection.target)]
+        yield from call(8, "connect(", ends)
+    yield from _MAIN.format(literal(model.name)).splitlines()
+
+
+_MAIN = """
+
+def main() -> None:
+    \"\"\"Run the application until Ctrl-C, and print the changes of its regions.\"\"\"
+    components = Components().all
+    for component in components:
+        for region in component.regions.values():
+            region.on_transition(print)
+    with suppress(KeyboardInterrupt), Application({}, components).running():
+        Event().wait()
+
+
+if __name__ == "__main__":
+    main()"""
+
+
+def _made(one: InstanceModel) -> Iterator[str]:
+    yield literal(one.name)
+    if one.data:
+        values = ", ".join(f"{field}={literal(value)}" for field, value in one.data.items())
+        yield f"lambda: {one.component}Data({values})"

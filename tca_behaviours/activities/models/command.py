@@ -1,0 +1,49 @@
+"""``tca generate``: from the model of an application to Python, or to a picture."""
+
+from pathlib import Path
+
+import click
+
+from tca_behaviours.activities.models.dot import model_dot
+from tca_behaviours.activities.models.reading import read_model
+from tca_behaviours.activities.models.writing import write_code
+from tca_tools.drawing.picture_file import write_machine
+from tca_tools.user_toml import BadUserFile
+from tca_wire.text.printable import printable
+
+KINDS = (".svg", ".png", ".pdf", ".dot")
+
+
+class _BadModel(click.ClickException):
+    exit_code = 2
+
+
+@click.command()
+@click.argument("model", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="Another folder; or a picture: .svg, .png, .pdf or .dot.",
+)
+def generate(model: Path, output: Path | None) -> None:
+    """Write the Python of an application of periodic activities, or draw it.
+
+    MODEL is a TOML file of components, ports, regions, states and activities. Into its folder go: generated.py and
+    application.py, written anew each time; and a file for each component, which is yours: it is written once.
+
+    The exit code is 2 when the model is wrong.
+    """
+    if output is not None and output.suffix not in ("", *KINDS) and not output.is_dir():
+        raise click.UsageError(f"-o {output}: a picture is {', '.join(KINDS)}, and a new folder has no suffix")
+    try:
+        read = read_model(model)
+        if output is not None and output.suffix in KINDS:
+            write_machine(output, model_dot(read))
+            return
+        lines = write_code(read, output or model.parent)
+    except BadUserFile as error:
+        raise _BadModel(printable(str(error))) from None
+    except OSError as error:
+        raise click.ClickException(f"{error.filename}: {error.strerror}") from None
+    click.echo("\n".join(lines))

@@ -1,0 +1,60 @@
+"""The names of a model: they become names of Python's."""
+
+import builtins
+import keyword
+import re
+
+from tca_behaviours.activities.components import Component
+from tca_behaviours.activities.models.methods import GUARD, STEP, methods
+from tca_behaviours.activities.models.model import ComponentModel
+from tca_tools.user_toml import BadUserFile
+
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
+_CLASS = re.compile(r"[A-Z][A-Za-z0-9]{0,39}")
+_STATE = re.compile(r"[A-Za-z][A-Za-z0-9_ -]{0,39}")
+_OF_COMPONENTS = {name for name in {*dir(Component), *vars(Component("", dict))} if not name.startswith("__")}
+FILES = ("generated", "application")
+"""Modules that are written anew each time."""
+_TAKEN = {"ABC", "Any", "Callable", "Component", "Components", "Event", *dir(builtins)}
+
+
+def check_name(place: str, name: str) -> None:
+    """That an attribute, variable or method may be called so. Raises BadUserFile."""
+    if not _NAME.fullmatch(name) or keyword.iskeyword(name):
+        raise BadUserFile(
+            f"{place}: '{name}' can't be a name: use small letters, digits and '_', and no word of Python's"
+        )
+
+
+def check_class(place: str, name: str) -> None:
+    """That a type or component may be called so. Raises BadUserFile."""
+    if not _CLASS.fullmatch(name) or name in _TAKEN:
+        raise BadUserFile(
+            f"{place}: '{name}' can't be a class: use letters and digits, a capital first; no name of Python's"
+        )
+
+
+def check_state(place: str, name: str) -> None:
+    """That a state may be called so. Raises BadUserFile."""
+    if not _STATE.fullmatch(name) or name == "machine":
+        raise BadUserFile(f"{place}: '{name}' can't be a state: use letters, digits, ' ', '-' and '_'; not 'machine'")
+
+
+def check_attributes(place: str, component: ComponentModel) -> None:
+    """That no name of a component stands for two things. Raises BadUserFile."""
+    named = [(name, "an input port", f"inputs.{name}") for name in component.inputs]
+    named += [(name, "an output port", f"outputs.{name}") for name in component.outputs]
+    named += [(region.name, "a region", f"regions.{region.name}") for region in component.regions]
+    named += [(method.name, method.role, method.place) for method in methods(component)]
+    used = dict.fromkeys(_OF_COMPONENTS, "part of every component")
+    for name, role, where in named:
+        check_name(f"{place}.{where}", name)
+        is_shared = role in (STEP, GUARD)  # several states may have one method
+        if name in used and not (is_shared and used[name] == role):
+            raise BadUserFile(f"{place}.{where}: '{name}' is {used[name]} already: choose another name")
+        used[name] = role
+
+
+def file_of(component: str) -> str:
+    """The module in which a component is written by hand."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", component).lower()

@@ -1,0 +1,79 @@
+"""Writes the code of a model into a folder. What is written by hand is left alone."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+from tca_behaviours.activities.models.code import MARK, application, distinct, generated, skeleton, written
+from tca_behaviours.activities.models.model import ApplicationModel, ComponentModel
+from tca_behaviours.activities.models.names import file_of
+from tca_tools.user_toml import BadUserFile
+
+
+def write_code(model: ApplicationModel, folder: Path) -> list[str]:
+    """Write all modules; lines that say what became of each. Raises BadUserFile, before anything is written, for files
+    that can't be used; and OSError.
+    """
+    package = _package(folder)
+    anew = {"generated.py": generated(model)}
+    if model.instances:
+        anew["application.py"] = application(model, package)
+    for name in anew:
+        _check_ours(folder / name)
+    by_hand = {folder / f"{file_of(one.name)}.py": one for one in model.components.values()}
+    found = {file: _names(file) for file in by_hand if file.exists()}
+    folder.mkdir(parents=True, exist_ok=True)
+    said = [_write(folder / name, text) for name, text in anew.items()]
+    for file, component in by_hand.items():
+        if file in found:
+            said += _lacking(file, component, found[file])
+        else:
+            said.append(_write(file, skeleton(component, model.types, package)))
+    return said
+
+
+def _package(folder: Path) -> str:
+    """The package that a folder is, with a dot after it; empty if it is none."""
+    folder = folder.resolve()
+    parts: list[str] = []
+    while (folder / "__init__.py").exists():
+        parts.insert(0, f"{folder.name}.")
+        folder = folder.parent
+    return "".join(parts)
+
+
+def _check_ours(file: Path) -> None:
+    if file.exists() and MARK not in file.read_text(errors="replace"):
+        raise BadUserFile(f"{file} exists already, and was not {MARK}: rename it, or choose a folder with -o FOLDER")
+
+
+def _write(file: Path, text: str) -> str:
+    if file.exists() and file.read_text() == text:
+        return f"{file}: as it was"
+    file.write_text(text)
+    return f"{file}: written"
+
+
+def _names(file: Path) -> set[str]:
+    """All that a module of the user's defines or imports."""
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (SyntaxError, ValueError) as error:
+        line = f", line {error.lineno}" if isinstance(error, SyntaxError) else ""
+        raise BadUserFile(f"{file}{line}: can't be read: {error.args[0]}") from None
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.alias)
+    return {node.name for node in ast.walk(tree) if isinstance(node, kinds)}
+
+
+def _lacking(file: Path, component: ComponentModel, names: set[str]) -> Iterator[str]:
+    if component.name not in names:
+        yield f"{file}: left alone; it has no class {component.name}, which is needed"
+        return
+    lacking = [method for method in distinct(component) if method.name not in names]
+    if not lacking:
+        yield f"{file}: left alone"
+        return
+    yield f"{file}: left alone; class {component.name} lacks {', '.join(method.name for method in lacking)}. Add:"
+    for method in lacking:
+        yield ""
+        yield from written(method)

@@ -1,0 +1,50 @@
+"""``tca activities``: the command line."""
+
+import click
+
+from tca_behaviours.activities.page.live import LiveApplication, applications
+from tca_tools.errors import ToolError
+from tca_tools.live.shared import central_option, talking
+from tca_tools.view.door import LOCAL, listening, page_options
+from tca_wire.text.missing import missing_package
+
+
+@click.command()
+@click.argument("name", required=False)
+@page_options
+@central_option
+@click.option("--read-only", is_flag=True, help="Only look: nothing is allocated or sent.")
+def activities(name: str | None, port: int, host: str, central: str | None, *, read_only: bool, browser: bool) -> None:
+    """Show an application's regions, processors and activities in the browser, live.
+
+    NAME is that of the application; it may be left out while central knows one only. Whoever opens the address that is
+    printed can allocate activities, change periods and priorities, and use the application's buttons. With --host the
+    page only looks, for those who have the address. It is served until interrupted.
+    """
+    try:
+        from tca_behaviours.activities.page.app import application  # noqa: PLC0415 - the page is an extra
+        from tca_tools.view.guards import PageKey  # noqa: PLC0415
+        from tca_tools.view.served_page import serve_page  # noqa: PLC0415
+    except ImportError as error:
+        raise ToolError(missing_package("tca activities", str(error.name), "view")) from None
+    live = LiveApplication(_chosen(name, central), central)
+    with listening(host, port) as door, live.running():
+        key = PageKey("tca activities") if host == LOCAL and not read_only else None
+        serve_page(
+            door, host, key.text if key else "", lambda hosts, token: application(live, hosts, key, token),
+            name=live.name, notes=[], browser=browser, stop=live.stop,
+        )  # fmt: skip
+
+
+def _chosen(name: str | None, central: str | None) -> str:
+    """The name of the application that is meant. Raises ClickException."""
+    with talking("activities", central) as client:
+        names = applications(client)
+    if name in names or (name is None and len(names) == 1):
+        return name or names[0]
+    if not names:
+        raise ToolError("central knows no application: start its program, with a Manager")
+    there = ", ".join(f"'{one}'" for one in names)
+    if name is None:
+        raise ToolError(f"central knows several applications: give the name of one of {there}")
+    raise ToolError(f"central knows no application '{name}': it knows {there}")

@@ -1,0 +1,16 @@
+"""A tick that may raise: it harms no other activity."""
+
+from tca_behaviours.activities.activity import StateActivity
+from tca_module.log import log_of
+
+_LOG = log_of("activities")
+
+
+def tick(activity: StateActivity) -> str:
+    """Tick once. The error in words, if it raises; the log has all of it."""
+    try:
+        activity.tick()
+    except BaseException as error:  # noqa: BLE001 - it would end the thread, and with it all processors
+        _LOG.exception("a tick of activity '%s' failed", activity.name)
+        return f"{type(error).__name__}: {error}"
+    return ""

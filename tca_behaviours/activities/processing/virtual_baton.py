@@ -1,0 +1,60 @@
+"""A schedule without threads, in virtual time: for tests, and for what-ifs."""
+
+import contextlib
+from collections.abc import Callable, Iterable, Iterator
+
+from tca_behaviours.activities.activity import StateActivity
+from tca_behaviours.activities.processing.schedule import Processor, Schedule
+from tca_behaviours.activities.processing.ticking import tick
+
+
+def declared(activity: StateActivity) -> float:
+    """The execution time that is declared, or none."""
+    return activity.estimate or 0.0
+
+
+class VirtualBaton:
+    """Runs a schedule as ``Baton`` does, in one thread. A tick takes as long as *cost* says."""
+
+    def __init__(self, cost: Callable[[StateActivity], float] = declared) -> None:
+        self.schedule = Schedule()
+        self.is_running = False
+        self.lock = contextlib.nullcontext()
+        self._cost = cost
+        self._now = 0.0
+
+    def clock(self) -> float:
+        """The virtual time, in seconds."""
+        return self._now
+
+    @contextlib.contextmanager
+    def changing(self) -> Iterator[Schedule]:
+        """A block that changes the schedule."""
+        try:
+            yield self.schedule
+        finally:
+            self.schedule.change_order()
+
+    def ready(self, names: Iterable[str]) -> dict[str, Processor]:
+        """Those of the processors that are not there yet."""
+        return {name: Processor(name, self._now) for name in names if self.schedule.processor(name) is None}
+
+    def start(self) -> None:
+        """All activities are due."""
+        self.is_running = True
+        self.schedule.start(self._now)
+
+    def stop(self) -> None:
+        """Tick no more."""
+        self.is_running = False
+
+    def run(self, seconds: float) -> None:
+        """Let time pass, and tick whatever begins meanwhile."""
+        end = self._now + seconds
+        while self.is_running and (turn := self.schedule.next_turn(self._now)) and turn.at < end:
+            self._now = max(self._now, turn.at)
+            one = self.schedule.begin(turn.processor, self._now)
+            error = tick(one.activity)
+            self._now += self._cost(one.activity)
+            self.schedule.end(self._now, error)
+        self._now = max(self._now, end)

@@ -1,0 +1,49 @@
+"""Likelihoods from earlier runs: how often each transition was taken, by their journals."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from tca_tools.journal.journals import Log
+from tca_wire.coordination import CoordinationChart, CoordinationReport, read_chart, read_report
+from tca_wire.journal.facts import Entry, FormatDefined, Received, StateChanged
+
+
+def count_transitions(
+    journals: Iterable[Path | str | Iterable[Entry]], chart: CoordinationChart
+) -> dict[tuple[str, str], int]:
+    """How often each state of a machine was left by each symbol, by (label, symbol): for ``Learned``. Runs of another
+    machine do not count, nor do transitions that this one has not.
+
+    ::
+
+        counts = count_transitions(Path("journals").iterdir(), Coordinator(deliver).chart)
+
+    *journals*: folders or segments, or their entries.
+    """
+    labels, symbols = {state.label for state in chart.states}, {arrow.symbol for arrow in chart.arrows}
+    counts: Counter[tuple[str, str]] = Counter()
+    for journal in journals:
+        for run, report in _reports(Log(Path(journal)) if isinstance(journal, Path | str) else journal):
+            if run.machine == chart.machine and report.taken in symbols and 0 <= report.before < len(run.states):
+                counts[run.states[report.before].label, report.taken] += 1
+    return {pair: count for pair, count in counts.items() if pair[0] in labels}
+
+
+def _reports(entries: Iterable[Entry]) -> Iterator[tuple[CoordinationChart, CoordinationReport]]:
+    """What the coordinators of a run have reported, each with its machine."""
+    formats: dict[str, str] = {}
+    charts: dict[int, CoordinationChart] = {}
+    for entry in entries:
+        for fact in entry.facts:
+            if isinstance(fact, FormatDefined):
+                formats[fact.message] = fact.data
+            elif isinstance(fact, Received):
+                if chart := read_chart(formats.get(fact.message, ""), fact.body):
+                    charts[fact.id] = chart
+            elif (
+                isinstance(fact, StateChanged)
+                and fact.task in charts
+                and (report := read_report(fact.body)) is not None
+            ):
+                yield charts[fact.task], report

@@ -1,0 +1,37 @@
+"""Whether an activity may run before its turn, by the facts that hold, are needed and are made."""
+
+from collections.abc import Iterable, Mapping
+
+from tca_behaviours.coordination.model.situation import Fact
+from tca_wire.coordination import Objection, Reason
+
+
+class Reservations:
+    """The variables of activities that come first or run: later ones leave them alone."""
+
+    def __init__(self) -> None:
+        self._needed: dict[str, int] = {}  # by variable, the state whose activity needs it
+        self._made: dict[str, int] = {}
+        self._being_made: dict[str, int] = {}  # of these, what is not done
+
+    def add(self, state: int, needs: Iterable[str], makes: Iterable[str], *, is_done: bool = False) -> None:
+        """Reserve the variables of an activity. One that is *done* keeps what it has made, for others to build on."""
+        for variable in needs:
+            self._needed.setdefault(variable, state)
+        for variable in makes:
+            self._made.setdefault(variable, state)
+            if not is_done:
+                self._being_made.setdefault(variable, state)
+
+    def clash(self, state: int, needs: Iterable[str], makes: Iterable[str]) -> Objection | None:
+        """The first variable that stands against the activity of a state, if any."""
+        kept = ((variable, reserved) for variable in makes for reserved in (self._made, self._needed))
+        for variable, reserved in (*kept, *((variable, self._being_made) for variable in needs)):
+            if variable in reserved:
+                return Objection(state, Reason.CONFLICT, variable, reserved[variable])
+        return None
+
+
+def holds(variable: str, value: Fact, facts: Mapping[str, Fact]) -> bool:
+    """Whether a variable is known to have this value."""
+    return variable in facts and facts[variable] == value

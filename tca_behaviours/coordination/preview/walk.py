@@ -1,0 +1,126 @@
+"""The preview list: the most probable path from a state to the next steady one.
+
+All paths are followed at once, the most probable first. So the path that reaches a steady state first is the most
+probable of all, and where one arrow of each state is likely, hardly anything beside the path is looked at.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from heapq import heappop, heappush
+from math import frexp, fsum, ldexp
+
+from tca_behaviours.coordination.model.automaton import Automaton
+from tca_module import MisuseError
+from tca_wire.coordination import Foreseen
+
+
+@dataclass(frozen=True)
+class PreviewLimits:
+    """Where a preview ends.
+
+    A state is *steady* if the probability that the machine stays in it, 1 minus the sum of its likelihoods, is *final*
+    or more, or if none of its likelihoods is more than *transition*. *horizon*: the longest list; None for no limit.
+    """
+
+    final: float = 0.5
+    transition: float = 0.0
+    horizon: int | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.final, int | float) or not 0 < self.final <= 1:
+            raise MisuseError(f"final must be above 0, and 1 at most, not {self.final!r:.60}")
+        if not isinstance(self.transition, int | float) or not 0 <= self.transition < 1:
+            raise MisuseError(f"transition must be 0 or more, and less than 1, not {self.transition!r:.60}")
+        if self.horizon is not None and (type(self.horizon) is not int or self.horizon < 1):
+            raise MisuseError(f"horizon must be 1 or more, or None for no limit, not {self.horizon!r:.60}")
+
+    def is_steady(self, automaton: Automaton, state: int) -> bool:
+        """Whether a preview ends in this state."""
+        likelihoods = [arrow.likelihood for arrow in automaton.arcs(state)]
+        return 1 - fsum(likelihoods) >= self.final or max(likelihoods) <= self.transition
+
+
+_NO_LIMITS = PreviewLimits()
+
+
+class _Path:
+    """A path to a state: the arrow that enters it last, and the path before that.
+
+    The probability of a path of thousands of states is less than the least float; so it is kept as two numbers.
+    """
+
+    __slots__ = ("arrow", "before", "exponent", "length", "likelihood", "mantissa", "state")
+
+    def __init__(self, state: int, before: "_Path | None" = None, arrow: int = 0, likelihood: float = 1.0) -> None:
+        self.state = state
+        self.before = before
+        self.arrow = arrow  # its place among those of the state before
+        self.likelihood = likelihood
+        self.length: int = before.length + 1 if before else 0
+        mantissa, exponent = frexp(likelihood * before.mantissa if before else 1.0)
+        self.mantissa: float = mantissa
+        self.exponent: int = exponent + before.exponent if before else exponent
+
+    @property
+    def probability(self) -> float:
+        """0 if it is less than the least float."""
+        return ldexp(self.mantissa, self.exponent)
+
+    def __lt__(self, other: "_Path") -> bool:
+        """Whether it comes first: more probable; then shorter; then by the order in which arrows are written."""
+        if self.exponent != other.exponent:
+            return self.exponent > other.exponent
+        if self.mantissa != other.mantissa:
+            return self.mantissa > other.mantissa
+        if self.length != other.length:
+            return self.length < other.length
+        mine, others = self, other
+        while mine.before is not others.before and mine.before and others.before:
+            mine, others = mine.before, others.before
+        return mine.arrow < others.arrow
+
+    def foreseen(self) -> list[Foreseen]:
+        """The states after the first one."""
+        steps = []
+        step = self
+        while step.before is not None:
+            steps.append(Foreseen(step.state, step.likelihood, step.probability))
+            step = step.before
+        return steps[::-1]
+
+
+def most_likely(automaton: Automaton, state: int, limits: PreviewLimits = _NO_LIMITS) -> list[Foreseen]:
+    """The most probable path from a state to the first steady one on it, which is included; empty if the state itself
+    is steady. A path of *horizon* states ends there too. Of paths that are equally probable, the one with fewer states;
+    then the one whose arrows are written first.
+
+    Where no steady state can be reached, the likeliest arrow of each state, until a state comes again.
+    """
+    queue = [_Path(state)]
+    looked_at: set[tuple[int, int]] = set()
+    while queue:
+        path = heappop(queue)
+        # Within a horizon, a longer way to a state may be the one that is cut in time.
+        place = (path.state, path.length if limits.horizon else 0)
+        if place in looked_at:
+            continue
+        looked_at.add(place)
+        if path.length == limits.horizon or limits.is_steady(automaton, path.state):
+            return path.foreseen()
+        for number, arrow in enumerate(automaton.arcs(path.state)):
+            if arrow.likelihood > 0:
+                heappush(queue, _Path(arrow.target, path, number, arrow.likelihood))
+    return list(_likeliest_round(automaton, state))
+
+
+def _likeliest_round(automaton: Automaton, state: int) -> Iterator[Foreseen]:
+    probability = 1.0
+    entered = {state}
+    while True:
+        arrow = max(automaton.arcs(state), key=lambda arrow: arrow.likelihood)
+        state = arrow.target
+        if state in entered:
+            return
+        entered.add(state)
+        probability *= arrow.likelihood
+        yield Foreseen(state, arrow.likelihood, probability)

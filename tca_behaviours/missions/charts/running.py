@@ -1,0 +1,130 @@
+"""A machine at work: the statechart says which states are entered and left, and their tasks are started and stopped.
+
+All happens in one thread, which waits for the tasks that run. Whatever ends that wait (a kill, Ctrl-C, an error) stops
+them all.
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, NamedTuple, Protocol
+
+from tca_behaviours.missions.charts.statechart import Statechart
+from tca_behaviours.missions.charts.states import MachineState
+from tca_behaviours.missions.outcomes import Status, TaskEnd
+from tca_module import TcaError
+from tca_wire.charts import ActiveStates, Ending, StateKind
+
+_PATIENCE = 5.0
+"""So many seconds a machine that is stopped itself waits for its tasks."""
+
+
+class StartedTask(Protocol):
+    """A task that a mission has started."""
+
+    @property
+    def end(self) -> TaskEnd | None:
+        """Its end, once it is there."""
+
+    def stop(self, why: str = "") -> object:
+        """Ask it to end, without waiting for that."""
+
+
+class Starter(Protocol):
+    """What a machine needs of a mission."""
+
+    def start(self, task: str, /, **parameters: Any) -> Any:
+        """Begin a task, without waiting for it."""
+
+    def first_ended(self, tasks: list[Any], timeout: float | None = None) -> list[Any]:
+        """Wait until one of the tasks has ended; those that have, in the order of their ends."""
+
+
+_ENDINGS: dict[Status, Ending] = {
+    Status.COMPLETED: "completed",
+    Status.TIMEOUT: "timeout",
+    Status.INTERRUPTED: "interrupted",
+}
+
+
+def ending_of(status: int) -> Ending:
+    """The ending for the status with which a task has ended."""
+    return _ENDINGS.get(Status.of(status), "failed")
+
+
+class MachineEnd(NamedTuple):
+    """How a machine has ended, and what led to that."""
+
+    ending: Ending
+    text: str
+
+
+class MachineRun:
+    """One run of the machine whose states *root* holds; *publish* is told of its active states when they change."""
+
+    def __init__(self, root: MachineState, mission: Starter, publish: Callable[[ActiveStates], object]) -> None:
+        self._root = root
+        self._mission = mission
+        self._publish = publish
+        self._chart = Statechart(root, self._entered, self._left)
+        self._running: dict[MachineState, StartedTask] = {}
+        self._stopping: list[StartedTask] = []
+
+    def until_end(self) -> MachineEnd:
+        """Run the machine until it has ended. Nothing that it has started runs on, whatever happens."""
+        try:
+            self._chart.begin()
+            text = ""
+            while (ending := self._chart.ending) is None:
+                running = [state.label for state in self._running]
+                self._publish(ActiveStates(running, text, self._chart.active))
+                text = self._step()
+            self._wait_for_stopped()
+        except BaseException:
+            self._stop_all()
+            raise
+        return MachineEnd(ending, text)
+
+    def _step(self) -> str:
+        """Wait until a task has ended, and go on from its state. What happened, in words."""
+        ended = self._mission.first_ended(list(self._running.values()))[0]
+        state = next(state for state, task in self._running.items() if task is ended)
+        end = ended.end
+        ending = ending_of(end.status)
+        words = f"{state.label} {_WORDS[ending]}"
+        self._chart.note_end(state, ending)
+        return f"{words}: {end.text}" if end.text and ending != "completed" else words
+
+    def _entered(self, state: MachineState) -> None:
+        if state.kind is StateKind.TASK:
+            self._wait_for_stopped()  # what was left has let go of the robot
+            self._running[state] = self._mission.start(state.task, **state.parameters)
+
+    def _left(self, state: MachineState) -> None:
+        task = self._running.pop(state, None)
+        if task is not None:
+            self._stop(task, f"{self._root!r} has left {state!r}")
+
+    def _stop(self, task: StartedTask, why: str) -> None:
+        if task.end is None:
+            task.stop(why)
+            self._stopping.append(task)
+
+    def _wait_for_stopped(self, timeout: float | None = None) -> None:
+        while left := [task for task in self._stopping if task.end is None]:
+            if not self._mission.first_ended(left, timeout):
+                break
+        self._stopping.clear()
+
+    def _stop_all(self) -> None:
+        with suppress(TcaError):  # without central there is nothing to stop, and it ends them itself
+            for task in self._running.values():
+                self._stop(task, f"{self._root!r} is stopped")
+            self._wait_for_stopped(_PATIENCE)
+
+
+_WORDS: dict[Ending, str] = {
+    "completed": "has completed",
+    "failed": "has failed",
+    "timeout": "was not done in time",
+    "interrupted": "was interrupted",
+}

@@ -1,0 +1,148 @@
+"""A machine as a statechart of python-statemachine, whose rules decide which states are entered and left.
+
+- A task is an atomic state. The event ``ended.s3.failed`` leads out of it.
+- A container is a compound state with a final state for each ending. ``done.state.s1`` leads out of it, by the ending.
+- A concurrence is a parallel state. Each state in it stands in a region of its own, so that it can begin again without
+  the others. In *any*, an ending of one leads out of the whole; in *all*, a region's final state waits for the others.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from tca_behaviours.missions.charts.states import ENDINGS, MachineState
+from tca_wire.charts import Ending, StateKind
+from tca_wire.text.missing import missing_package
+
+try:
+    from statemachine import State, StateChart
+    from statemachine.io import create_machine_class_from_definition
+except ImportError:
+    raise ImportError(missing_package("a state machine", "python-statemachine", "charts")) from None
+
+Told = Callable[[MachineState], object]
+
+
+class Statechart:
+    """The statechart of one machine. It tells which states it enters and leaves, one after the other, as they are
+    *entered* and *left*.
+    """
+
+    def __init__(self, root: MachineState, entered: Told, left: Told) -> None:
+        states = list(root.all())
+        self._names = {state: f"s{number}" for number, state in enumerate(states)}
+        self._states = {name: state for state, name in self._names.items()}
+        self._told = entered, left
+        self._chart: StateChart[Any] | None = None
+        definition: dict[str, Any] = {self._names[root]: self._defined(root, is_first=True)}
+        definition |= {f"end_{ending}": {"final": True} for ending in ENDINGS}
+        self._class = create_machine_class_from_definition(
+            "StateMachine",
+            definition,
+            catch_errors_as_events=False,  # they stop the machine
+            # how a machine is checked is said in soundness.py, in words of those who write one
+            validate_trap_states=False,
+            validate_disconnected_states=False,
+            validate_final_reachability=False,
+        )
+        for order, state in enumerate(_in_order(self._class.states), 1):
+            state.document_order = order  # the library counts brothers of a container anew (3.2)
+
+    def begin(self) -> None:
+        """Enter the first states."""
+        self._chart = self._class(listeners=[_Listener(self._note_entered, self._note_left)])
+
+    def note_end(self, state: MachineState, ending: Ending) -> None:
+        """The task of an active state has ended: leave the state, and enter those that follow."""
+        self._begun.send(_event(self._names[state], ending))
+
+    @property
+    def active(self) -> list[int]:
+        """The active states, by their numbers."""
+        names = self._begun.configuration_values
+        return [number for number, name in enumerate(self._states) if name in names]
+
+    @property
+    def ending(self) -> Ending | None:
+        """How the machine has ended; None while it runs."""
+        names = self._begun.configuration_values
+        return next((ending for ending in ENDINGS if f"end_{ending}" in names), None)
+
+    @property
+    def _begun(self) -> StateChart[Any]:
+        assert self._chart is not None, "begin() comes first"
+        return self._chart
+
+    def _note_entered(self, state: State) -> None:
+        if state.id in self._states:
+            self._told[0](self._states[state.id])
+
+    def _note_left(self, state: State) -> None:
+        if state.id in self._states:
+            self._told[1](self._states[state.id])
+
+    # --- its definition --------------------------------------------------------------------------------------------
+
+    def _defined(self, state: MachineState, *, is_first: bool) -> dict[str, Any]:
+        name = self._names[state]
+        defined: dict[str, Any] = {"initial": is_first}
+        leads = {ending: self._place_after(state, ending) for ending in ENDINGS}
+        match state.kind:
+            case StateKind.TASK:
+                defined["on"] = {_event(name, ending): [{"target": to}] for ending, to in leads.items()}
+            case StateKind.EPSILON:
+                defined["transitions"] = [{"target": leads["completed"]}]
+            case StateKind.ANY | StateKind.ALL:
+                defined["parallel"] = True
+                defined["states"] = {f"{self._names[child]}_region": self._region(child) for child in state.children}
+                defined["on"] = {f"done.state.{name}": [{"target": leads["completed"]}]}
+            case _:
+                first = state.children[0]
+                inner = {self._names[child]: self._defined(child, is_first=child is first) for child in state.children}
+                defined["states"] = inner | {f"{name}_{ending}": _final(ending) for ending in ENDINGS}
+                ended = [{"target": to, "cond": _has_ended(ending)} for ending, to in leads.items()]
+                defined["on"] = {f"done.state.{name}": ended}
+        return defined
+
+    def _region(self, branch: MachineState) -> dict[str, Any]:
+        name = self._names[branch]
+        return {"states": {name: self._defined(branch, is_first=True), f"{name}_done": {"final": True}}}
+
+    def _place_after(self, state: MachineState, ending: Ending) -> str:
+        """The name of the state that an ending leads to: another, or the one that ends a container."""
+        target, parent = state.target(ending), state.parent
+        if target is not None:
+            return self._names[target]
+        if parent is None:
+            return f"end_{ending}"
+        if not parent.kind.is_concurrent:
+            return f"{self._names[parent]}_{ending}"
+        if parent.kind is StateKind.ALL and ending == "completed":
+            return f"{self._names[state]}_done"
+        return self._place_after(parent, ending)
+
+
+class _Listener:
+    """These two names only: the library calls others by theirs, too."""
+
+    def __init__(self, entered: Callable[[State], None], left: Callable[[State], None]) -> None:
+        self.on_enter_state = entered
+        self.on_exit_state = left
+
+
+def _event(name: str, ending: Ending) -> str:
+    """The event that tells the statechart how the task of a state has ended."""
+    return f"ended.{name}.{ending}"
+
+
+def _final(ending: Ending) -> dict[str, Any]:
+    return {"final": True, "donedata": lambda: {"outcome": ending}}
+
+
+def _has_ended(ending: Ending) -> Callable[[str], bool]:
+    return lambda outcome: outcome == ending
+
+
+def _in_order(states: Any) -> Iterator[State]:
+    for state in states:
+        yield state
+        yield from _in_order(state.states)

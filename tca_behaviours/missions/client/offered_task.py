@@ -1,0 +1,169 @@
+"""The tasks that servers offer, as central knows them: found by the mark in the format of their data."""
+
+import inspect
+import json
+import keyword
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any, Literal, Union
+
+import msgspec
+
+from tca_behaviours.missions.client.errors import BadParameter
+from tca_behaviours.missions.outcomes import TaskEnd
+from tca_module.sending.directory import MessageInfo
+from tca_wire.errors import BadData
+from tca_wire.messages.formats import MISSION_TASK
+from tca_wire.text.plain_data import FieldMisfit, PlainFormat
+
+_TYPES: dict[str, Any] = {"number": float, "integer": int, "boolean": bool, "string": str, "null": None}
+_BOUNDS = {"minimum": ">= {}", "exclusiveMinimum": "> {}", "maximum": "<= {}", "exclusiveMaximum": "< {}"}
+
+
+class _Mark(msgspec.Struct, frozen=True):
+    server: str
+    task: str
+    help: str = ""
+    periodic: bool = True
+    parameters: tuple[str, ...] = ()  # in the order of their declaration
+
+
+class TaskParameter:
+    """One parameter of an offered task."""
+
+    def __init__(self, name: str, schema: Mapping[str, Any], definitions: Mapping[str, Any], *, required: bool) -> None:
+        self.name = name
+        self.type = _type_of(schema, definitions)
+        self.default = inspect.Parameter.empty if required else schema.get("default")
+        self.description = str(schema.get("description", ""))
+        self.bounds = ", ".join(words.format(schema[key]) for key, words in _BOUNDS.items() if key in schema)
+
+    @property
+    def in_words(self) -> str:
+        """Type, default, bounds and description, for people."""
+        default = "" if self.default is inspect.Parameter.empty else f" = {self.default!r}"
+        bounds = f" ({self.bounds})" if self.bounds else ""
+        return f"{self.name}: {inspect.formatannotation(self.type)}{default}{bounds}" + (
+            f"  {self.description}" if self.description else ""
+        )
+
+
+class OfferedTask:
+    """A task that a server offers."""
+
+    def __init__(self, info: MessageInfo, mark: _Mark, schema: Mapping[str, Any]) -> None:
+        self.message = info.name
+        self.server = mark.server
+        self.name = mark.task
+        self.help = mark.help
+        self.is_periodic = mark.periodic
+        self.is_handled = any(handler.capacity for handler in info.handled_by)
+        self._format = PlainFormat(info.data)
+        definitions, fields = schema.get("$defs", {}), _resolved(schema, schema.get("$defs", {}))
+        self.required: Sequence[str] = fields.get("required", ())
+        order = [*mark.parameters]
+        self.parameters = sorted(
+            (
+                TaskParameter(name, part, definitions, required=name in self.required)
+                for name, part in fields.get("properties", {}).items()
+            ),
+            key=lambda one: order.index(one.name) if one.name in order else len(order),
+        )
+
+    @property
+    def runs_in_foreground(self) -> bool:
+        """Whether it does where nothing is said."""
+        return all(one.default is not False for one in self.parameters if one.name == "foreground")
+
+    @property
+    def signature(self) -> inspect.Signature:
+        """That of the function that runs it: all parameters by name."""
+        kind = inspect.Parameter.KEYWORD_ONLY
+        named = [one for one in self.parameters if one.name.isidentifier() and not keyword.iskeyword(one.name)]
+        return inspect.Signature(
+            [inspect.Parameter(one.name, kind, default=one.default, annotation=one.type) for one in named],
+            return_annotation=TaskEnd,
+        )
+
+    @property
+    def in_words(self) -> str:
+        """Its help and its parameters, a line each."""
+        return "\n".join(
+            [self.help or f"Task {self.name} of {self.server}.", "", *(p.in_words for p in self.parameters)]
+        )
+
+    def fitted(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """The parameters as they are sent: only those given. Raises BadParameter."""
+        known = [one.name for one in self.parameters]
+        for name in parameters:
+            if name not in known:
+                raise BadParameter(f"{self.name}() has no parameter '{name}': {nearest(name, known, 'it has')}")
+        try:
+            plain: dict[str, Any] = msgspec.to_builtins(dict(parameters), enc_hook=_plain)
+            for name, value in plain.items():
+                _check_finite(name, value)
+            self._format.encode(plain)
+        except FieldMisfit as error:
+            raise BadParameter(f"{self.name}(): parameter '{error.path}' {error.problem}") from None
+        except (BadData, TypeError, ValueError, RecursionError) as error:
+            raise BadParameter(f"{self.name}(): {error}") from None
+        return plain
+
+
+def nearest(name: str, known: Iterable[str], otherwise: str) -> str:
+    """Advice for a name that is unknown."""
+    names = list(known)
+    if found := get_close_matches(name, names, n=1, cutoff=0.5):
+        return f"did you mean '{found[0]}'?"
+    return f"{otherwise} {', '.join(sorted(names)) or 'none'}"
+
+
+def offered_tasks(messages: Iterable[MessageInfo]) -> Iterator[OfferedTask]:
+    """The tasks of missions among the messages that central knows."""
+    for info in messages:
+        if MISSION_TASK not in info.data:
+            continue
+        try:
+            schema = json.loads(info.data)
+            mark = msgspec.convert(schema[MISSION_TASK], _Mark)
+        except (ValueError, KeyError, TypeError, RecursionError, msgspec.ValidationError):
+            continue  # the formats come from anybody
+        yield OfferedTask(info, mark, PlainFormat(info.data).shape)
+
+
+def _resolved(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> Mapping[str, Any]:
+    return definitions.get(str(schema["$ref"]).rpartition("/")[2], {}) if "$ref" in schema else schema
+
+
+def _type_of(schema: Mapping[str, Any], definitions: Mapping[str, Any], depth: int = 0) -> Any:
+    """The Python type of a value, for signatures."""
+    schema = _resolved(schema, definitions)
+    if depth > 9:  # a circle of references
+        return Any
+    if "enum" in schema:
+        return Literal[tuple(schema["enum"])]
+    if "anyOf" in schema:
+        return Union[tuple(_type_of(one, definitions, depth + 1) for one in schema["anyOf"])]  # noqa: UP007
+    if schema.get("type") == "array":
+        return list[_type_of(schema.get("items", {}), definitions, depth + 1)]  # type: ignore[misc]  # made at run time
+    if schema.get("type") == "object":
+        return dict[str, Any]
+    return _TYPES.get(str(schema.get("type")), Any)
+
+
+def _check_finite(name: str, value: Any) -> None:
+    """Raise FieldMisfit for a number that is infinite or none, also in a list or mapping."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise FieldMisfit(name, f"must be finite, and {value} is not")
+    if isinstance(value, dict | list | tuple):
+        for part in value.values() if isinstance(value, dict) else value:
+            _check_finite(name, part)
+
+
+def _plain(value: Any) -> Any:
+    """A number of numpy, or an array, as plain values."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    msg = f"objects of type {type(value).__name__} can't be sent"
+    raise TypeError(msg)

@@ -1,0 +1,113 @@
+"""A Python file that tells editors and type checkers of the tasks of a server."""
+
+import inspect
+import keyword
+import re
+from ast import literal_eval
+from collections.abc import Iterable, Iterator
+
+from tca_behaviours.missions.client.offered_task import OfferedTask, TaskParameter
+
+MADE_BY = "Made by 'tca console --stub'"
+
+_HEAD = '''"""The tasks of server '{title}', for editors and type checkers. {made_by}.
+
+Make it anew when they change.
+"""
+# ruff: noqa
+# fmt: off
+
+from typing import TYPE_CHECKING, Any, Literal, Optional, Union, overload
+
+from tca_behaviours.missions import TaskEnd, TaskHandle
+
+if TYPE_CHECKING:
+    from tca_behaviours.missions import BaseMission as Base  # a task that there is not is an error
+else:
+    from tca_behaviours.missions import Mission as Base
+
+
+class {name}(Base):
+    """A mission with the tasks of server '{title}'."""
+
+    SERVER = {server!r}
+
+    if TYPE_CHECKING:
+'''
+
+_TASK = '''
+        @overload
+        def {name}({waits}) -> TaskEnd: ...
+        @overload
+        def {name}({goes_on}) -> TaskHandle: ...
+        @overload
+        def {name}({either}) -> TaskEnd | TaskHandle: ...
+        def {name}(self, **parameters: Any) -> Any:
+            """{help}"""
+'''
+
+
+def stub_text(server: str, tasks: Iterable[OfferedTask]) -> str:
+    """The text of the file: a subclass of Mission with a typed method for each task."""
+    parts = [
+        _HEAD.format(
+            title=_in_docstring(server.replace("\n", " ")), server=server, made_by=MADE_BY, name=class_name(server)
+        )
+    ]
+    parts += [_method(task) for task in sorted(tasks, key=lambda task: task.name) if _is_name(task.name)]
+    return "".join(parts if len(parts) > 1 else [*parts, "        pass\n"])
+
+
+def _is_name(text: str) -> bool:
+    return text.isidentifier() and not keyword.iskeyword(text)
+
+
+def _in_docstring(text: str) -> str:
+    """A text as it can stand between three quotes."""
+    text = text.replace("\\", "\\\\").replace('"""', "'''").replace("\r", "\\r").replace("\0", "\\0")
+    return f"{text} " if text.endswith('"') else text
+
+
+def class_name(server: str) -> str:
+    """The name of the class for a server: "turtle 1" has Turtle1Mission."""
+    return "".join(word[:1].upper() + word[1:] for word in re.findall(r"\w+", server)).lstrip("0123456789") + "Mission"
+
+
+def _method(task: OfferedTask) -> str:
+    def parameters(foreground: str) -> str:
+        named = list(_parameters(task, foreground))
+        return ", ".join(["self", *(["*"] if named else []), *named])
+
+    waits, goes_on = "Literal[True] = True", "Literal[False]"
+    if not task.runs_in_foreground:
+        waits, goes_on = "Literal[True]", "Literal[False] = False"
+    text = _in_docstring(task.in_words).replace("\n", "\n            ")
+    return _TASK.format(
+        name=task.name, help=re.sub(r"[ \t]+$", "", text, flags=re.MULTILINE), waits=parameters(waits),
+        goes_on=parameters(goes_on), either=parameters("bool"),
+    )  # fmt: skip
+
+
+def _parameters(task: OfferedTask, foreground: str) -> Iterator[str]:
+    for one in task.parameters:
+        if one.name == "foreground":
+            yield f"foreground: {foreground}"
+        elif _is_name(one.name):
+            yield f"{one.name}: {_annotation(one)}"
+
+
+def _annotation(parameter: TaskParameter) -> str:
+    kind = inspect.formatannotation(parameter.type)
+    if parameter.default is inspect.Parameter.empty:
+        return kind
+    default = repr(parameter.default)
+    return f"{kind} = {default if _is_literal(default) else '...'}"
+
+
+def _is_literal(text: str) -> bool:
+    """Whether a text is a value in Python; not that of ``nan``, which a format may have as a default."""
+    try:
+        literal_eval(text)
+    except (ValueError, SyntaxError):
+        return False
+    return True

@@ -1,0 +1,51 @@
+"""What can be typed at the console: the tasks, ``index``, ``status`` and ``help``."""
+
+import pydoc
+from collections.abc import Callable
+from typing import Any
+
+from tca_behaviours.missions.client.mission import Mission
+
+
+class ConsoleNames:
+    """The functions of a console, around one mission."""
+
+    def __init__(self, mission: Mission, show: Callable[[str], object] = print) -> None:
+        self.mission = mission
+        self._show = show
+
+    @property
+    def names(self) -> dict[str, Any]:
+        """All that can be typed."""
+        tasks = {name: getattr(self.mission, name) for name in self.mission.offered()}
+        return {**tasks, "mission": self.mission, "index": self.index, "status": self.status, "help": self.help}
+
+    def index(self) -> None:
+        """List the tasks that there are."""
+        tasks = sorted(self.mission.offered().values(), key=lambda task: task.name)
+        width = max((len(task.name) for task in tasks), default=0)
+        for task in tasks:
+            self._show(f"{task.name:{width}}  {task.help.partition(chr(10))[0]}")
+
+    def status(self) -> None:
+        """Show the tasks that run, whoever has started them, and the last that this console has started."""
+        running = self.mission.running_tasks()
+        for task in running:
+            self._show(str(task))
+        if not running:
+            self._show("nothing runs")
+        for handle in self.mission.ended:
+            self._show(f"{handle} {handle.end_in_words}")
+
+    def help(self, task: Any = None) -> None:
+        """Explain a task and its parameters: ``help(GoTo)``. Without one, list what can be typed."""
+        if task is None:
+            self._show("index() lists the tasks, status() what runs, help(TASK) explains one; Ctrl-C stops a task that")
+            self._show("is waited for, Ctrl-D leaves. TASK(..., foreground=False) goes on in the background.")
+            return
+        name = task if isinstance(task, str) else getattr(task, "__name__", "")
+        offered = self.mission.offered().get(name)
+        if offered is None:
+            pydoc.help(task)
+            return
+        self._show(f"{offered.name}: {offered.in_words}")

@@ -1,1 +1,0 @@
-"""What messages and tasks cost here, beside what else moves messages: ``tca bench``."""

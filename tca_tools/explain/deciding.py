@@ -1,0 +1,111 @@
+"""Exception handlers: which were called for a failure, and whom they had handled again, or killed. Pure."""
+
+from bisect import bisect_left
+from collections.abc import Iterator
+from math import inf
+from operator import attrgetter
+from typing import NamedTuple
+
+from tca_tools.explain.overlapping import called_within
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.records import Exhausted, Handling, Retry, Task, TaskState
+from tca_tools.journal.selection import lineage
+from tca_tools.journal.whole_run import Run
+from tca_wire.points import TaskId
+from tca_wire.text.facts_in_words import by_whom
+from tca_wire.text.measures import times
+from tca_wire.text.printable import first_line
+from tca_wire.vocabulary import Role
+
+_TIME = attrgetter("time")
+
+
+class Call(NamedTuple):
+    """An exception handler was called for a task; or it passed the failure on, or might not be called once more."""
+
+    time: float
+    place: int
+    """Twice which of the calls it is; one more, if it passed the failure on."""
+    text: str
+
+
+def calls(at: RunAt, task: Task, start: float = -inf, end: float = inf) -> Iterator[Call]:
+    """The calls of exception handlers for the failures of a task, as known at a moment: those from *start* to *end*."""
+    found = _calls(at, task, start, end)
+    return (call for call in found if start <= call.time < end)
+
+
+def _calls(at: RunAt, task: Task, start: float, end: float) -> Iterator[Call]:
+    run = at.run
+    for number in called_within(run, task, start, end):
+        one = bisect_left(task.caught_by, number)
+        if (handler := at.tasks.get(number)) is not None:
+            record = run.tasks[number]
+            runs = [handling for handling in record.handlings if handling.start <= at.moment]
+            by = f" in {runs[-1].module}" if runs else ""
+            how = "" if handler.state in (TaskState.HANDLING, TaskState.ACHIEVED) else f": {handler.state}"
+            yield Call(record.received, 2 * one, f"{handler} was called{by}{how}")
+        if number in run.reissued:
+            yield Call(run.reissued[number], 2 * one + 1, f"{run.describe(number)} passed the failure on")
+        if number in run.left_open:
+            how = "returned without dealing with the failure"
+            yield Call(run.left_open[number], 2 * one + 1, f"{run.describe(number)} {how}")
+    spents = run.exhausted.get(task.id, [])
+    for spent in spents[bisect_left(spents, start, key=_TIME) : bisect_left(spents, end, key=_TIME)]:
+        later = bisect_left(task.caught_by, spent.time, key=run.sent)
+        yield Call(spent.time, 2 * later, exhausted(spent))
+
+
+def passed_on(run: Run, handler: int, what: str = "the failure") -> Iterator[tuple[float, str]]:
+    """When, and how, an exception handler let *what* go on up the tree, if it did."""
+    if handler in run.reissued:
+        yield run.reissued[handler], f"passes {what} on"
+    if handler in run.left_open:
+        yield run.left_open[handler], f"returns without dealing with {what}"
+
+
+def exhausted(one: Exhausted) -> str:
+    """``less heat had been called 3 times, as often as it may``."""
+    return f"{one.handler} had been called {times(one.calls)}, as often as it may"
+
+
+def called_for(run: Run, handler: Task) -> Task:
+    """For whose failure it was called; where that is an exception handler's that failed, for whose that was."""
+    while handler.role is Role.EXCEPTION and handler.about in run.tasks:
+        handler = run.tasks[handler.about]
+    return handler
+
+
+def decider(run: Run, asker: Handling | None) -> Task | None:
+    """The exception handler that asked for a kill or retry; None if none did."""
+    task = run.tasks.get(asker.message_id) if asker is not None else None
+    return task if task is not None and task.role is Role.EXCEPTION else None
+
+
+def retried(run: Run, task: Task, retry: Retry) -> str:
+    """``to be handled again, with other data (retried by safety)``; if an exception handler that was called for another
+    task asked for it, with which and why.
+    """
+    handler = decider(run, retry.asker)
+    failed, why = called_for(run, handler) if handler else task, ""
+    if failed is not task:
+        failure = first_line(failed.was("failure", handler.received) if handler else "")
+        why = f": {handler}, called for {failed}, which had failed: {failure}"
+    return f"to be handled again{', with other data' * retry.is_other} (retried{by_whom(retry.by)}{why})"
+
+
+def decisions(run: Run, handler: Task) -> Iterator[tuple[float, str]]:
+    """The decisions of an exception handler on the failed task and the tasks above it, with their times."""
+    if handler.role is not Role.EXCEPTION:
+        return
+    above = [run.tasks[number] for number in lineage(run, TaskId(called_for(run, handler).id))]
+    retried: set[float] = set()
+    killed: dict[float, Task] = {}
+    for task in above:
+        for retry in task.retries:
+            if decider(run, retry.asker) is handler:
+                retried.add(retry.time)
+                yield retry.time, f"has {task} handled again{', with other data' * retry.is_other}"
+        if decider(run, task.killer) is handler:
+            killed[task.written("killed")] = task  # and with it those under it
+    yield from ((time, f"kills {task}") for time, task in killed.items() if time not in retried)

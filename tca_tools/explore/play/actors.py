@@ -1,0 +1,254 @@
+"""The scripts under way in a run (actors), the connections that they act on (lines), and the runs of modules."""
+
+from collections import deque
+from hashlib import blake2b
+from typing import Any
+
+from msgspec.structs import replace
+
+from tca_module.session.request import waits_for_others
+from tca_tools.explore.play.identifiers import MessageId, RequestNumber
+from tca_tools.explore.play.inbox import SlotInbox
+from tca_tools.explore.scenario.scenario import ScenarioModule
+from tca_tools.explore.scenario.script import Program
+from tca_tools.explore.scenario.script_connection import CANCELLED, SUSPENDED
+from tca_tools.explore.scenario.steps import OWN, Await, Branch, Given, Got, Owe, ReadWish, Step, known, place_of
+from tca_wire.packets.headers import Lock
+from tca_wire.points import TaskId
+
+
+class OpenRequest:
+    """A request of a script that wants an answer: the answers that it has not read."""
+
+    def __init__(self, number: RequestNumber, header: Any) -> None:
+        self.number = number
+        self.header = header
+        self.wants_answer = True
+        self.unread: deque[Got] = deque()
+        self.is_over = False  #: nothing more comes
+        self.taken = ""  #: of a lock that was granted: how it was lost
+
+
+class Actor:
+    """A script under way."""
+
+    def __init__(self, program: Program, given: Given, delivery: int = 0, task: TaskId = TaskId(0)) -> None:  # noqa: B008
+        self.program = program
+        self.delivery = delivery  #: that it handles; 0: none, a module does this by itself
+        self.task = task  #: that it handles; 0: none
+        self.known: list[TaskId] = []  #: other things it has heard of, by place
+        self.life = program.beginning(given)
+        self.requests: dict[int, OpenRequest] = {}  #: by place; those of which nothing more can come are left out
+        self.asked = 0  #: how many there were
+        self.step: Step | None = None  #: that it is waiting to get something for
+        self.number = RequestNumber(0)  #: of what it has just asked
+        self.late_at: float | None = None  #: when it waits no longer
+        self.is_told = False  #: that its task was killed
+        self.is_ending = False  #: its module leaves
+        self.was_told = False  #: one of these, when it last got something
+        self.knows = False  #: that its task was killed: it has read that, or was woken
+        self.knows_end = False  #: that its module ends, in the same way
+        self.wishes: deque[Got] = deque()  #: of clients, that it has not read
+        self.uses: deque[str] = deque()  #: of the reply that it leaves to others, in their words
+        self.suspended: tuple[bool, ...] = (False,)  #: the news of that since it last got something
+
+    @property
+    def branches(self) -> tuple[Branch, ...]:
+        """How it may go on. Raises ScenarioError."""
+        return self.program.branches(self.life)
+
+    @property
+    def awaited(self) -> OpenRequest | None:
+        """The request whose answer it waits for."""
+        return self.requests[self.step.request] if isinstance(self.step, Await) else None
+
+    def may_take(self, branch: Branch) -> bool:
+        """Whether *branch* reads of a kill, and of its suspension, only what it can have been told."""
+        read = [got.choice for got in branch.decisions if got.kind == CANCELLED]
+        if not ((self.is_told or self.is_ending or 1 not in read) and (not self.was_told or 0 not in read)):
+            return False
+        return all(bool(got.choice) in self.suspended for got in branch.decisions if got.kind == SUSPENDED)
+
+    def is_woken_from(self, request: OpenRequest) -> bool:
+        """Whether it waits no longer for an answer because its task was killed, or its module ends: once for each, as
+        Connection.wait has it.
+        """
+        if not waits_for_others(request):
+            return False
+        if self._is_woken_by_kill:
+            return not request.unread or request.unread[0].is_void
+        return self.is_ending and not self.knows_end and not request.unread
+
+    @property
+    def _is_woken_by_kill(self) -> bool:
+        return self.is_told and not self.knows
+
+    def wish(self, got: Got) -> None:
+        """A client wants something of its task."""
+        self.wishes.append(got)
+        if isinstance(self.step, ReadWish):
+            self.get(self.wishes.popleft())
+
+    def wake_from_look(self) -> None:
+        """It waits no longer for what clients want: its task was killed, or its module ends; once for each. Where it
+        owes its reply, that has failed when its module ends.
+        """
+        by_kill, by_end = self.is_told and not self.knows, self.is_ending and not self.knows_end
+        if isinstance(self.step, ReadWish) and (by_kill or by_end):
+            self.learn()
+            self.get(Got(self.step.kind, is_woken=True, module_ends=not by_kill))
+        elif isinstance(self.step, Owe) and self.is_ending:
+            self.get(Got(self.step.kind, module_ends=True))
+
+    def use(self, *words: str) -> None:
+        """Others say these *words* of the reply that it leaves to them."""
+        self.uses.extend(words)
+        if isinstance(self.step, Owe) and self.uses:
+            self.get(Got(self.step.kind, words=self.uses.popleft()))
+        self.wake_from_look()
+
+    def learn(self) -> None:
+        """It knows all by now."""
+        self.knows, self.knows_end = self.is_told, self.is_ending
+
+    def be_told(self, *, module_ends: bool = False) -> None:
+        """It is to end: its task was killed, or its module ends."""
+        self.is_told, self.is_ending = self.is_told or not module_ends, self.is_ending or module_ends
+        if self.suspended[-1]:  # it is to end, not to hold
+            self.suspended = (*self.suspended, False)
+        self.wake_from_look()
+
+    def ask(self, request: OpenRequest) -> None:
+        """It has made a request."""
+        self.requests[self.asked] = request
+        self.asked += 1
+
+    def read(self) -> None:
+        """It gets the answer that is there to what it waits for, or is woken."""
+        assert isinstance(self.step, Await)
+        place = self.step.request
+        request = self.requests[place]
+        if self.is_woken_from(request):
+            answer = request.unread.popleft() if request.unread else Got(self.step.kind)
+            answer = replace(answer, is_woken=True, module_ends=not self._is_woken_by_kill)
+            self.learn()
+            self.get(answer)
+        else:
+            self.get(request.unread.popleft())
+        if request.is_over and not request.unread and not isinstance(request.header, Lock):  # one can be given back
+            del self.requests[place]
+
+    def lives(self, *got: Got) -> None:
+        """That is part of its life now."""
+        if any(one.kind == CANCELLED and one.choice for one in got):
+            self.learn()
+        self.life = self.program.live(self.life, *got)
+
+    def get(self, got: Got) -> None:
+        """Something came back for its step."""
+        self.lives(got)
+        self.step, self.number, self.late_at = None, RequestNumber(0), None
+        self.was_told = self.is_told or self.is_ending
+        self.suspended = self.suspended[-1:]
+
+    def digest(self, before: bytes | None = None) -> bytes:
+        """What it did and got, after what was there *before*; the same in all explorations."""
+        lived = repr((before, self.program.name, self.life.given, self.life.history()))
+        return blake2b(lived.encode(), digest_size=16).digest()
+
+    def real(self, name: int) -> TaskId:
+        """Central's id of what the script names."""
+        if name == OWN:
+            return self.task
+        return self.known[place_of(name)] if name < OWN else TaskId(name)
+
+    def name(self, real: int) -> TaskId:
+        """The script's name for what central calls so."""
+        if not real or real == self.task:
+            return OWN if real else TaskId(0)
+        task = TaskId(MessageId(real))
+        if task not in self.known:
+            self.known.append(task)
+        return known(self.known.index(task))
+
+
+class ModuleLine:
+    """A connection of a module's run to central, and what is being done on it."""
+
+    def __init__(self, name: str, run: "ModuleRun") -> None:
+        self.name = name
+        self.run = run
+        self.stack: list[Actor] = []  #: each began while the one before it waited
+        self.delivered: deque[Actor] = deque()  #: not begun yet
+        self.inbox: SlotInbox | None = None  #: of a slot that may have messages ahead
+
+    @property
+    def actors(self) -> list[Actor]:
+        """All of them, in the order in which they came."""
+        return [*self.stack, *self.delivered]
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether it may end. What it has not begun goes to another: that is explored where messages may be ahead."""
+        return not (self.actors if self.inbox is None else self.stack or self.inbox.session.held.ended)
+
+    @property
+    def actor(self) -> Actor | None:
+        """Whose turn it is: the newest that has begun or, where that one waits, the next."""
+        newest = self.stack[-1] if self.stack else None
+        if self.delivered and (newest is None or isinstance(newest.step, Await)):
+            return self.delivered[0]
+        return newest
+
+    def begin(self, actor: Actor) -> None:
+        """It is its turn."""
+        if self.delivered and self.delivered[0] is actor:
+            self.stack.append(self.delivered.popleft())
+
+    def clear(self) -> None:
+        """Nothing is done here any more."""
+        self.stack.clear()
+        self.delivered.clear()
+        self.inbox = None
+
+
+class ModuleRun:
+    """One run of a module's program, from its start until its last connection has ended."""
+
+    def __init__(self, module: ScenarioModule, number: int) -> None:
+        self.module = module
+        self.name = module.name if number == 1 else f"{module.name} run {number}"
+        self.lines: list[ModuleLine] = []  #: those that central has not seen end; the module's own first
+        self.steps_joined = 0
+        self.first = deque(module.first)  #: programs to run before it handles anything
+        self.is_alive = True
+        self.is_leaving = False
+
+    @property
+    def is_joined(self) -> bool:
+        """Whether all its connections have been there."""
+        return self.steps_joined == self.steps_to_join
+
+    @property
+    def is_starting(self) -> bool:
+        """Whether it does what it does before it handles anything."""
+        is_first = self.steps_joined == 1 and self.is_alive and not self.is_joined
+        return is_first and bool(self.first or self.lines[0].actors)
+
+    @property
+    def steps_to_join(self) -> int:
+        """Saying hello; and, where it handles anything, saying what, and a hello for each slot."""
+        return 2 + len(self.module.slots) if self.module.formats or self.module.first else 1
+
+    def may_say_goodbye(self) -> list[ModuleLine]:
+        """Those of its lines that may end now because it leaves: what does nothing, its own line last."""
+        if not self.is_leaving:
+            return []
+        own, *slots = self.lines
+        return [line for line in slots if line.is_idle] if slots else [own]
+
+    def die(self) -> None:
+        """Its process is gone, and with it all that it was doing."""
+        self.is_alive = False
+        for line in self.lines:
+            line.clear()

@@ -1,0 +1,384 @@
+"""The requests of scripts to central, and the answers. Knows lines and actors; whose turn it is play.py says."""
+
+from collections.abc import Callable
+from typing import Any
+
+from msgspec.structs import replace
+
+from tca_central.core import Central
+from tca_central.events import ConnectionId, Effect, Event, Record, RequestReceived
+from tca_module.errors import NIL
+from tca_tools.explore.errors import CentralFault, ScenarioError
+from tca_tools.explore.observed.fold import Fold
+from tca_tools.explore.observed.messages import TakenRequest
+from tca_tools.explore.play.actors import Actor, ModuleLine, OpenRequest
+from tca_tools.explore.play.identifiers import MessageId, RequestNumber, numbers_shown, renamed, renamed_rows
+from tca_tools.explore.play.inbox import SlotInbox
+from tca_tools.explore.scenario.requests import call_of
+from tca_tools.explore.scenario.scenario import Scenario
+from tca_tools.explore.scenario.steps import (
+    Ask,
+    Await,
+    Fail,
+    Given,
+    GiveUp,
+    Got,
+    Hang,
+    Know,
+    Owe,
+    ReadWish,
+    Return,
+    UseKept,
+)
+from tca_wire.journal.facts import Fact, Ignored, RequestRefused
+from tca_wire.journal.facts import Received as Birth
+from tca_wire.messages.controls import Monitor
+from tca_wire.messages.failures import MODULE_LOST
+from tca_wire.packets import headers
+from tca_wire.packets.changes import ChangeState, Requested
+from tca_wire.points import TaskId
+
+OBSERVER = ConnectionId(b"observer")
+"""The connection of the module that is told of all states."""
+_AWAITED, _LOOK = Await(0).kind, ReadWish().kind
+
+
+class Exchange:
+    """Central, the connections to it, and the scripts that use them."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.central = Central("explored")
+        self.central.look_after = 0  # what waits for ever is for the scenario's properties to find
+        self.central.tree.newest = MessageId(0)
+        self.central.dispatcher.messages_ahead.trusts_all = True  # how long handlers took is no part of the state
+        self.fold = Fold()
+        self.now = 0.0  #: seconds since the run began
+        self.lines: dict[str, ModuleLine] = {}  #: connections that central has not seen end
+        self.lived: dict[str, bytes] = {}  #: by line: what its scripts did and got, where messages may be ahead
+        self.facts: list[Fact] = []  #: recorded with the last action
+        self.names: dict[int, str] = {}  #: of all messages ever sent; for people
+        self.scenario = scenario
+        self._known = scenario.messages()  #: messages that some module handles
+        self._number = RequestNumber(0)
+
+    def next_number(self) -> RequestNumber:
+        """The number of a new request."""
+        self._number += 1
+        return self._number
+
+    def receive(self, line: str, header: headers.ToCentral, body: bytes = b"") -> list[Effect]:
+        """Let central receive something; what came of it."""
+        inbox = self.lines[line].inbox if line in self.lines else None
+        if inbox is None:
+            return self.handle(RequestReceived(self.now, connection_of(line), header, body))
+        return [] if inbox.say(header, body) else self.post(line, inbox)
+
+    def post(self, line: str, inbox: SlotInbox) -> list[Effect]:
+        """Let central receive what a slot's session says; what came of it."""
+        said = [RequestReceived(self.now, connection_of(line), *item) for item in inbox.outgoing()]
+        return [effect for event in said for effect in self.handle(event)]
+
+    def handle(self, event: Event) -> list[Effect]:
+        """Let central handle an event, and everybody get what it sends; what came of it."""
+        try:
+            effects = self.central.handle(event)
+        except Exception as error:
+            raise CentralFault(f"central can't handle {event}: {error!r}") from error
+        self.fold.now = self.now
+        for effect in effects:
+            if isinstance(effect, Record):
+                self._record(effect.entry.facts)
+            else:
+                if effect.connection == OBSERVER:
+                    self.fold.states.hear(effect.header, effect.body)
+                line = self.lines.get(effect.connection.decode())
+                if line is not None and line.run.is_alive:
+                    self._send(line, effect.header, effect.body)
+        return effects
+
+    def _send(self, line: ModuleLine, header: headers.ToModule, body: bytes) -> None:
+        if line.inbox is None:
+            self._get(line, header, body)
+        elif not line.inbox.put(header, body):
+            self.hear(line, line.inbox, header, body)
+
+    def hear(self, line: ModuleLine, inbox: SlotInbox, header: headers.ToModule, body: bytes) -> None:
+        """A slot gets a packet from central."""
+        if inbox.hear(header, body):
+            self._get(line, header, body)
+        self.post(line.name, inbox)
+
+    def _get(self, line: ModuleLine, header: headers.ToModule, body: bytes) -> None:
+        if get := _GET.get(type(header)):
+            get(self, line, header, body)
+
+    def give_back(self, line: ModuleLine, inbox: SlotInbox) -> None:
+        """A slot that leaves gives back what it has ahead."""
+        if inbox.session.ahead:
+            inbox.session.give_back()
+            self.post(line.name, inbox)
+
+    def unlike(self, line: ModuleLine, inbox: SlotInbox) -> str:
+        """The error if a slot has other messages than central has given it: nothing is lost, and nothing is twice."""
+        has = sorted([actor.delivery for actor in line.actors] + inbox.deliveries)
+        given = sorted(given_to(self.central, line.name))
+        if has == given:
+            return ""
+        with numbers_shown():
+            return f"{line.name} has {has}, and central has given it {given}"
+
+    def begin_next(self, line: ModuleLine, inbox: SlotInbox) -> None:
+        """A slot begins with the next message that it has ahead."""
+        header, body = inbox.begin_next()
+        self._get_delivery(line, header, body)
+        line.begin(line.delivered[0])
+        slot = self.central.registry.connections[connection_of(line.name)]
+        assert slot.resource is not None
+        self.fold.begin(header.delivery, slot.module.name, slot.resource.name)
+
+    def _record(self, recorded: list[Fact]) -> None:
+        self.facts += recorded
+        self.names.update({fact.id: fact.message for fact in recorded if isinstance(fact, Birth)})
+        self.fold.take(recorded)
+
+    # --- steps -------------------------------------------------------------------------------------------------------
+
+    def take(self, line: ModuleLine, actor: Actor) -> None:
+        """An actor takes the step that it is at."""
+        _TAKE[type(actor.step)](self, line, actor, actor.step)
+
+    def go_on(self, line: ModuleLine) -> None:
+        """Play the parts that are no action: a script awaits or reads something, or ends if it handles nothing."""
+        while (actor := line.actor) is not None and actor not in line.delivered:
+            if actor.step is not None:
+                request = actor.awaited
+                if request is None or not (request.unread or actor.is_woken_from(request)):
+                    return
+                actor.read()
+                continue
+            branches = actor.branches
+            if len(branches) != 1 or branches[0].decisions:
+                return
+            step = branches[0].step
+            if isinstance(step, Await | Owe):
+                actor.step = step
+                self.take(line, actor)
+            elif isinstance(step, Know):
+                actor.learn()
+                actor.get(Got(step.kind))
+            elif isinstance(step, Return) and not actor.delivery:
+                self._end(line)
+            else:
+                return
+
+    def _ask(self, line: ModuleLine, actor: Actor, step: Ask) -> None:
+        self._declare(line, step)
+        if isinstance(step.header, headers.Lock):
+            self._check_lock(step.header)
+        header = renamed(step.header, actor.real)
+        if getattr(header, "origin", 0):
+            header = replace(header, origin=actor.delivery)
+        if step.is_told:
+            actor.get(Got(step.kind))
+        else:
+            number = self.next_number()
+            header = replace(header, number=number)
+            if step.wants_answer:
+                actor.ask(OpenRequest(number, header))
+                actor.get(Got(step.kind))
+            else:
+                actor.number = number
+        if not any(map(_declines, self.receive(line.name, header, step.body))):
+            self.fold.taken = TakenRequest(line.run.name, call_of(header))
+
+    def _check_lock(self, header: headers.Lock) -> None:
+        """A module that is lost takes its resources along; one that nobody ever has is a mistake."""
+        owners = self.scenario.owners(header.resource)
+        if not owners or header.module not in ("", *owners):
+            whose = f"module '{header.module}'" if header.module else "no module"
+            raise ScenarioError(f"{whose} of the scenario has a resource '{header.resource}' that handles something: "
+                                "lock or reserve one that is there")  # fmt: skip
+        if not header.module and len(owners) > 1:
+            raise ScenarioError(
+                f"modules {', '.join(owners)} have a resource '{header.resource}': say which with module="
+            )
+
+    def _declare(self, line: ModuleLine, step: Ask) -> None:
+        """A module declares a message when it first uses it."""
+        is_conditional = getattr(step.header, "if_handled", False)
+        registry = self.central.registry.messages
+        for message in step.declares:
+            is_free = is_conditional or message.message_class.fans_out or isinstance(message, Monitor)
+            if message.name not in self._known and not is_free:
+                text = f"{line.run.name} sends {message.message_class} '{message.name}', which no module of the"
+                raise ScenarioError(f"{text} scenario handles: give one a handler for it")
+        formats = [message.format for message in step.declares]
+        new = [one for one in formats if one.name not in registry or registry[one.name].format != one]
+        if new:
+            self.receive(line.name, headers.Register(self.next_number(), new))
+
+    def _await(self, _line: ModuleLine, actor: Actor, step: Await | ReadWish) -> None:
+        actor.late_at = None if step.seconds is None else self.now + step.seconds
+
+    def _look(self, line: ModuleLine, actor: Actor, step: ReadWish) -> None:
+        """A script reads what a client wants of its task."""
+        if actor.wishes:
+            actor.get(actor.wishes.popleft())
+        elif not step.waits:
+            actor.get(Got(step.kind))
+        else:
+            self._await(line, actor, step)
+            actor.wake_from_look()
+
+    def _get_requested(self, line: ModuleLine, header: Requested, body: bytes) -> None:
+        for actor in _handlers(line, header.delivery):
+            actor.wish(Got(_LOOK, text=header.text, body=body, choice=header.serial, words=header.transition))
+
+    def _give_up(self, line: ModuleLine, actor: Actor, step: GiveUp) -> None:
+        request = actor.requests.pop(step.request)
+        actor.get(Got(step.kind, text=request.taken))
+        self.receive(line.name, headers.GiveUp(request.number))
+
+    def _end(self, line: ModuleLine) -> None:
+        """The script whose turn it is is over."""
+        actor = line.stack.pop()
+        if self.scenario.has_messages_ahead:
+            self.lived[line.name] = actor.digest(self.lived.get(line.name))
+
+    def _return(self, line: ModuleLine, actor: Actor, step: Return) -> None:
+        self._end(line)
+        if actor.delivery:
+            self._reply(line, actor, step.body)
+
+    def _reply(self, line: ModuleLine, actor: Actor, body: bytes) -> None:
+        """A handler returned: see Slot of tca_module. One that knew that its module ends may have done half of it."""
+        if actor.knows_end and not actor.is_told:
+            self.receive(line.name, headers.Fail(actor.delivery, MODULE_LOST, "its module ended while it ran"))
+        else:
+            self.receive(line.name, headers.Reply(actor.delivery), body)
+
+    def _fail(self, line: ModuleLine, actor: Actor, step: Fail) -> None:
+        self._end(line)
+        if actor.delivery and step.was_killed and (actor.is_told or actor.is_ending):
+            actor.learn()
+            self._reply(line, actor, NIL)
+        elif actor.delivery:
+            header = headers.Fail(actor.delivery, step.failure, step.text, list(step.kinds), step.reissue)
+            self.receive(line.name, header, step.body)
+        elif not line.run.is_joined:
+            raise ScenarioError(f"an error here ends the module: {step.failure}: {step.text}")
+
+    def _use_kept(self, line: ModuleLine, actor: Actor, step: UseKept) -> None:
+        """The handlers' own scripts do that, some time later."""
+        for one in (one for each in line.run.lines for one in each.stack):
+            if one.program is line.run.module.handlers.get(step.message):
+                one.use(step.words)
+        actor.get(Got(step.kind))
+
+    def _hang(self, _line: ModuleLine, _actor: Actor, _step: Hang) -> None:
+        """It never gets anything for that step."""
+
+    # --- answers ------------------------------------------------------------------------------------------------------
+
+    def _get_delivery(self, line: ModuleLine, header: headers.Deliver, body: bytes) -> None:
+        program = line.run.module.handlers[header.message]
+        accepts = any(one.accepts for one in line.run.module.formats if one.message == header.message)
+        actor = Actor(program, Given(body, bool(header.task), accepts), header.delivery, header.task)
+        context = renamed(header.context, actor.name)
+        actor.life = program.beginning(Given(body, bool(header.task), accepts, context))
+        actor.suspended = (header.suspended,)
+        if line.run.is_leaving:
+            actor.be_told(module_ends=True)
+        line.delivered.append(actor)
+
+    def _get_accepted(self, line: ModuleLine, header: headers.Accepted, _: bytes) -> None:
+        for actor in line.actors:
+            if header.number and actor.number == header.number and isinstance(actor.step, Ask):
+                is_change = isinstance(actor.step.header, ChangeState)  # its answer is a number of changes
+                made = TaskId(bool(header.id)) if is_change else actor.name(header.id)
+                actor.get(Got(actor.step.kind, id=made))
+        self._answer(line, header.number, Got(_AWAITED, id=TaskId(0)))
+
+    def _get_refused(self, line: ModuleLine, header: headers.Refused, _: bytes) -> None:
+        for actor in line.actors:
+            if header.number and actor.number == header.number and isinstance(actor.step, Ask):
+                actor.get(Got(actor.step.kind, header.refusal, header.text))
+                return
+        if not self._answer(line, header.number, Got(_AWAITED, header.refusal, header.text)) and header.number:
+            raise ScenarioError(f"{line.run.name}: {header.text}")
+
+    def _get_answer(self, line: ModuleLine, header: headers.Answer, body: bytes) -> None:
+        self._answer(line, header.number, Got(_AWAITED, answer=replace(header, number=0), body=body))
+
+    def _answer(self, line: ModuleLine, number: int, got: Got) -> bool:
+        """Whether somebody wanted that answer."""
+        for actor, request in _requests(line, number):
+            if not request.is_over:
+                if isinstance(request.header, headers.Inspect) and got.body:
+                    got = replace(got, body=renamed_rows(got.body, actor.name))
+                request.unread.append(got)
+                request.is_over = got.is_over
+                return True
+        return False
+
+    def _get_cancelled(self, line: ModuleLine, header: headers.Cancelled, _: bytes) -> None:
+        for actor in _handlers(line, header.delivery):
+            actor.be_told()
+
+    def _get_taken(self, line: ModuleLine, header: headers.Taken, _: bytes) -> None:
+        for _actor, request in _requests(line, header.number):
+            request.taken = header.text
+
+    def _get_suspended(self, line: ModuleLine, header: headers.Suspended, _: bytes) -> None:
+        for actor in _handlers(line, header.delivery):
+            actor.suspended = (*actor.suspended, header.is_suspended)
+
+
+def _handlers(line: ModuleLine, delivery: int) -> list[Actor]:
+    return [actor for actor in line.actors if actor.delivery == delivery]
+
+
+def _requests(line: ModuleLine, number: int) -> list[tuple[Actor, OpenRequest]]:
+    return [(actor, one) for actor in line.actors for one in actor.requests.values() if one.number == number]
+
+
+def connection_of(name: str) -> ConnectionId:
+    """The id by which central knows a line."""
+    return ConnectionId(name.encode())
+
+
+def given_to(central: Central, line: str) -> list[int]:
+    """The deliveries that central has given to a slot."""
+    slot = central.registry.connections[connection_of(line)]
+    ahead = slot.resource.ahead if slot.resource is not None and slot.resource.ahead_at is slot else ()
+    return [delivery.given_as for delivery in (*slot.handling, *ahead)]
+
+
+def _declines(effect: Effect) -> bool:
+    """Whether central refuses a request, or says that it came too late to change anything."""
+    told = effect.entry.facts if isinstance(effect, Record) else ()
+    return any(isinstance(fact, Ignored | RequestRefused) for fact in told)
+
+
+# ruff: noqa: SLF001
+_TAKE: dict[type, Callable[[Exchange, ModuleLine, Actor, Any], None]] = {
+    Ask: Exchange._ask,
+    Await: Exchange._await,
+    ReadWish: Exchange._look,
+    GiveUp: Exchange._give_up,
+    Return: Exchange._return,
+    Fail: Exchange._fail,
+    Hang: Exchange._hang,
+    Owe: lambda _exchange, _line, actor, _step: actor.use(),
+    UseKept: Exchange._use_kept,
+}
+_GET: dict[type, Callable[[Exchange, ModuleLine, Any, bytes], None]] = {
+    headers.Deliver: Exchange._get_delivery,
+    Requested: Exchange._get_requested,
+    headers.Accepted: Exchange._get_accepted,
+    headers.Refused: Exchange._get_refused,
+    headers.Answer: Exchange._get_answer,
+    headers.Cancelled: Exchange._get_cancelled,
+    headers.Suspended: Exchange._get_suspended,
+    headers.Taken: Exchange._get_taken,
+}

@@ -1,0 +1,358 @@
+"""One run of a scenario, at one moment: central, the modules and their scripts, and what may happen next.
+
+An action is one thing that happens: a script takes its next step, a module joins, a connection breaks, time passes to
+what is due next. Central handles it at once, and what it sends is received at once: since all goes through central,
+interleavings differ only in the order in which it receives things. Equal actions on equal runs have equal results.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from enum import StrEnum
+
+import msgspec
+
+from tca_central.events import ConnectionLost, Tick
+from tca_tools.explore.errors import ScenarioError
+from tca_tools.explore.observed.messages import TrackedMessage
+from tca_tools.explore.play.actors import Actor, ModuleLine, ModuleRun
+from tca_tools.explore.play.exchange import OBSERVER, Exchange, connection_of
+from tca_tools.explore.play.inbox import SlotInbox
+from tca_tools.explore.scenario.scenario import Scenario
+from tca_tools.explore.scenario.steps import Given, Got, ScriptRun
+from tca_wire.packets import headers
+from tca_wire.packets.changes import Observe
+from tca_wire.packets.headers import PROTOCOL_VERSION
+from tca_wire.points import TaskId
+
+SOMEBODY = "somebody"
+"""The module that kills and suspends what may be."""
+
+NOTHING = b"\xc0"  # None as MessagePack
+
+
+class ActionKind(StrEnum):
+    """The kind of an action."""
+
+    STEP = "step"  # a script goes on
+    HEAR = "hear"  # a slot with messages ahead gets the next packet from central
+    BEGIN = "begin"  # and begins with the next of these messages
+    ANSWER = "answer"  # and sends the replies that it has held
+    TIME = "time"  # time passes until something is due
+    LATE = "late"  # a script has waited for as long as it wanted to
+    JOIN = "join"  # a run of a module takes its next step of joining
+    BREAK = "break"  # a connection breaks: its module dies with it, or has
+    LEAVE = "leave"  # a module begins to leave
+    BYE = "bye"  # a connection of a leaving module says goodbye
+    KILL = "kill"  # somebody kills a task
+    SUSPEND = "suspend"  # somebody suspends a task
+    RESUME = "resume"  # and resumes it
+
+
+class Action(msgspec.Struct, frozen=True):
+    """One thing that may happen. *name* is a line's, run's or message's; *index* says which branch or task."""
+
+    kind: ActionKind
+    name: str = ""
+    index: int = 0
+    is_optional: bool = False
+    """It need not happen."""
+
+
+class Play(Exchange):
+    """A run so far. ``perform`` is the only way it changes."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        self.runs: dict[str, ModuleRun] = {}  #: of modules, by name, until their last connection has ended
+        self.losses = {module.name: module.may_be_lost for module in scenario.modules.values()}
+        self.kills = dict(scenario.may_be_killed)
+        self.suspensions = dict(scenario.may_be_suspended)
+        self.suspended: dict[str, list[TaskId]] = {name: [] for name in self.suspensions}  #: by somebody, by message
+        self.rivals = scenario.rivals()  #: by message: which may wait for the same resource
+        self._started = dict.fromkeys(scenario.modules, 0)  #: how often
+        if scenario.is_observed:
+            self.fold.states.told = {}
+            name = OBSERVER.decode()
+            self.receive(name, headers.Hello(self.next_number(), PROTOCOL_VERSION, name, name))
+            self.receive(name, Observe(self.next_number()))
+        for module in scenario.modules.values():
+            self._start(module.name)
+        self._start_all()
+        if self.kills or self.suspensions:
+            self.receive(SOMEBODY, headers.Hello(self.next_number(), PROTOCOL_VERSION, SOMEBODY, SOMEBODY))
+
+    # --- possible actions --------------------------------------------------------------------------------------------
+
+    def actions(self) -> list[Action]:
+        """Everything that may happen now."""
+        return [*self._steps(), *self._with_inboxes(), *self._passing_of_time(), *self._comings_and_goings(),
+                *self._interventions()]  # fmt: skip
+
+    def _steps(self) -> Iterator[Action]:
+        for line in self.lines.values():
+            if (actor := line.actor) is not None and actor.step is None:
+                for index, branch in enumerate(actor.branches):
+                    if actor.may_take(branch):
+                        yield Action(ActionKind.STEP, line.name, index)
+
+    def _with_inboxes(self) -> Iterator[Action]:
+        for line, inbox in ((line, line.inbox) for line in self.lines.values() if line.inbox is not None):
+            if inbox.session.held.ended:
+                yield Action(ActionKind.ANSWER, line.name)
+            elif inbox.under_way:
+                yield Action(ActionKind.HEAR, line.name)
+            if inbox.session.has_next and not line.run.is_leaving:
+                yield Action(ActionKind.BEGIN, line.name)
+
+    def _passing_of_time(self) -> Iterator[Action]:
+        if self.next_time is not None:
+            yield Action(ActionKind.TIME)
+        yield from (Action(ActionKind.LATE, line.name) for line, at in self._late() if at <= self.now)
+
+    def _late(self) -> list[tuple[ModuleLine, float]]:
+        """The lines whose scripts wait no longer than until a time, with that time."""
+        newest = [(line, line.stack[-1].late_at) for line in self.lines.values() if line.stack]
+        return [(line, at) for line, at in newest if at is not None]
+
+    @property
+    def next_time(self) -> float | None:
+        """When something is due next."""
+        times = [at for _, at in self._late() if at > self.now]
+        due = self.central.clock.next
+        return min([*times, due] if due is not None else times, default=None)
+
+    def _comings_and_goings(self) -> Iterator[Action]:
+        for run in self.runs.values():
+            if run.is_alive:
+                if not run.is_joined:
+                    if not run.is_starting:
+                        yield Action(ActionKind.JOIN, run.name)
+                elif run.module.may_leave and not run.is_leaving:
+                    yield Action(ActionKind.LEAVE, run.name, is_optional=True)
+                yield from (Action(ActionKind.BYE, line.name) for line in run.may_say_goodbye())
+            if not run.is_alive or self.losses[run.module.name]:
+                yield from (Action(ActionKind.BREAK, line.name, is_optional=run.is_alive) for line in run.lines)
+
+    def _interventions(self) -> Iterator[Action]:
+        for message, times in self.kills.items():
+            for index, _ in enumerate(self.killable(message) if times else []):
+                yield Action(ActionKind.KILL, message, index, is_optional=True)
+        for message, times in self.suspensions.items():
+            for index, _ in enumerate(self.suspendable(message) if times else []):
+                yield Action(ActionKind.SUSPEND, message, index, is_optional=True)
+            yield from (Action(ActionKind.RESUME, message, index) for index, _ in enumerate(self.suspended[message]))
+
+    def killable(self, message: str) -> list[TrackedMessage]:
+        """The tasks of that message which somebody may kill."""
+        return [task for task in self.fold.tasks if task.message == message and not (task.is_killed or task.is_over)]
+
+    def suspendable(self, message: str) -> list[TrackedMessage]:
+        """The tasks of that message which somebody may suspend."""
+        return [task for task in self.killable(message) if not task.is_suspended]
+
+    # --- actions played -----------------------------------------------------------------------------------------------
+
+    def perform(self, action: Action) -> None:
+        """Let an action happen. Raises ScenarioError if a script can't go on, CentralFault if central can't."""
+        self.facts = []
+        self.fold.forget_what_is_over()
+        _PERFORM[action.kind](self, action)
+        self._go_on()
+        self.fold.note_states()
+        for line in self.lines.values():
+            if line.inbox is not None:
+                self.fold.broken = self.fold.broken or self.unlike(line, line.inbox)
+
+    def _go_on(self) -> None:
+        for line in list(self.lines.values()):
+            if line.stack:
+                self.go_on(line)
+            while line.run.is_starting and not line.stack and line is line.run.lines[0]:
+                line.stack.append(Actor(line.run.first.popleft(), Given(NOTHING)))
+                self.go_on(line)
+
+    def _take_step(self, action: Action) -> None:
+        line = self.lines[action.name]
+        actor = line.actor
+        assert actor is not None
+        line.begin(actor)
+        life, branch = actor.life, actor.branches[action.index]
+        actor.lives(*branch.decisions)
+        actor.step = branch.step
+        try:
+            self.take(line, actor)
+        except ScenarioError as error:
+            raise ScenarioError(f"{actor.program.place(life, branch)}: {error}") from None
+
+    def _hear(self, action: Action) -> None:
+        line = self.lines[action.name]
+        assert line.inbox is not None
+        self.hear(line, line.inbox, *line.inbox.under_way.popleft())
+
+    def _answer_all(self, action: Action) -> None:
+        line = self.lines[action.name]
+        assert line.inbox is not None
+        self.post(line.name, line.inbox)
+
+    def _begin(self, action: Action) -> None:
+        line = self.lines[action.name]
+        assert line.inbox is not None
+        self.begin_next(line, line.inbox)
+
+    def _pass_time(self, _: Action) -> None:
+        assert self.next_time is not None
+        self.fold.passed = self.next_time - self.now
+        self.now = self.next_time
+        self.handle(Tick(self.now))
+
+    def _be_late(self, action: Action) -> None:
+        actor = self.lines[action.name].stack[-1]
+        assert actor.step is not None
+        actor.get(Got(actor.step.kind, is_late=True))
+
+    # --- modules come and go -----------------------------------------------------------------------------------------
+
+    def _start(self, module: str) -> ModuleRun:
+        self._started[module] += 1
+        run = ModuleRun(self.scenario.modules[module], self._started[module])
+        self.runs[run.name] = run
+        return run
+
+    def _start_all(self) -> None:
+        """Until all are there; those that wait for each other, or choose, go on with that in the run."""
+        moved = True
+        while moved:
+            moved = False
+            for run in self.runs.values():
+                while self._starts_further(run):
+                    moved = True
+
+    def _starts_further(self, run: ModuleRun) -> bool:
+        """The next step of a module that joins before the run; False if there is none, or more than one."""
+        if run.module.arrives_late or run.is_joined:
+            return False
+        if not run.is_starting:
+            self._join(run)
+        else:
+            actor = run.lines[0].actor
+            if actor is None or actor.step is not None or len(actor.branches) > 1:
+                return False
+            self._take_step(Action(ActionKind.STEP, run.lines[0].name))
+        self._go_on()
+        return True
+
+    def _join(self, run: ModuleRun) -> None:
+        """The next step of joining."""
+        module, done = run.module, run.steps_joined
+        if done == 1:
+            messages = [program.message.format for program in module.handlers.values() if program.message]
+            self.receive(run.name, headers.Register(self.next_number(), messages, module.formats))
+        else:
+            resource = module.slots[done - 2] if done else ""
+            line = ModuleLine(f"{run.name}/{done - 1}" if done else run.name, run)
+            run.lines.append(line)
+            self.lines[line.name] = line
+            hello = headers.Hello(self.next_number(), PROTOCOL_VERSION, module.name, run.name, done, resource,
+                                  prefetch=module.prefetch or 0)  # fmt: skip
+            line.inbox = SlotInbox(hello) if done and module.prefetch is not None else None
+            self.receive(line.name, hello)
+        run.steps_joined += 1
+        if run.is_joined and module.story:
+            run.lines[0].stack.append(Actor(module.story, Given(NOTHING)))
+
+    def _break(self, action: Action) -> None:
+        line = self.lines[action.name]
+        run = line.run
+        if run.is_alive:
+            run.die()
+            self.losses[run.module.name] -= 1
+            if run.module.comes_back:
+                self._start(run.module.name)
+        self._close(line)
+        self.handle(ConnectionLost(self.now, connection_of(line.name)))
+
+    def _close(self, line: ModuleLine) -> None:
+        line.run.lines.remove(line)
+        del self.lines[line.name]
+        if not line.run.lines:
+            del self.runs[line.run.name]
+
+    def _leave(self, action: Action) -> None:
+        run = self.runs[action.name]
+        run.is_leaving = True
+        run.lines[0].clear()
+        for actor in (actor for line in run.lines for actor in line.actors):
+            actor.be_told(module_ends=True)
+        self.receive(run.name, headers.Unregister(self.next_number(), []))
+
+    def _say_goodbye(self, action: Action) -> None:
+        line = self.lines[action.name]
+        if line.inbox is not None:
+            self.give_back(line, line.inbox)
+        self._close(line)
+        self.receive(line.name, headers.Bye())
+
+    def _kill(self, action: Action) -> None:
+        self.kills[action.name] -= 1
+        task = self.killable(action.name)[action.index]
+        self.receive(SOMEBODY, headers.Kill(self.next_number(), TaskId(task.id)))
+
+    def _suspend(self, action: Action) -> None:
+        self.suspensions[action.name] -= 1
+        task = TaskId(self.suspendable(action.name)[action.index].id)
+        self.suspended[action.name].append(task)
+        self.receive(SOMEBODY, headers.Suspend(self.next_number(), task))
+
+    def _resume(self, action: Action) -> None:
+        task = self.suspended[action.name].pop(action.index)
+        self.receive(SOMEBODY, headers.Suspend(self.next_number(), task, resume=True))
+
+
+# ruff: noqa: SLF001
+_PERFORM: dict[ActionKind, Callable[[Play, Action], None]] = {
+    ActionKind.STEP: Play._take_step,
+    ActionKind.HEAR: Play._hear,
+    ActionKind.BEGIN: Play._begin,
+    ActionKind.ANSWER: Play._answer_all,
+    ActionKind.TIME: Play._pass_time,
+    ActionKind.LATE: Play._be_late,
+    ActionKind.JOIN: lambda play, action: play._join(play.runs[action.name]),
+    ActionKind.BREAK: Play._break,
+    ActionKind.LEAVE: Play._leave,
+    ActionKind.BYE: Play._say_goodbye,
+    ActionKind.KILL: Play._kill,
+    ActionKind.SUSPEND: Play._suspend,
+    ActionKind.RESUME: Play._resume,
+}
+
+
+def outcome(play: Play) -> bytes:
+    """What has been done, got and left in a run that ends, the same in all explorations."""
+    unfinished = {name: [actor.digest() for actor in line.actors] for name, line in sorted(play.lines.items())}
+    left = sorted((seen.message, seen.body, seen.module) for seen in play.fold.seen.values() if not seen.is_over)
+    return repr((sorted(play.lived.items()), unfinished, left, play.losses, play.kills, play.suspensions)).encode()
+
+
+Waiting = tuple[int] | tuple[Actor, ScriptRun]
+"""A task that is held or queued, by id; a script, at that point of its life."""
+
+
+def waiting(play: Play) -> list[Waiting]:
+    """The tasks that wait by themselves, not for what is under them, oldest first; and the scripts."""
+    tasks = play.fold.tasks
+    parents = {task.parent_id for task in tasks if not task.is_over}
+    return [
+        *((task.id,) for task in tasks if _waits(task) and task.id not in parents),
+        *((actor, actor.life) for name in sorted(play.lines) for actor in play.lines[name].actors
+          if actor.step is not None),
+    ]  # fmt: skip
+
+
+def carried(before: Sequence[Waiting], play: Play) -> tuple[int, ...]:
+    """Where among what waits now is what waited before; -1: it does not."""
+    now = waiting(play)
+    return tuple(now.index(one) if one in now else -1 for one in before)
+
+
+def _waits(task: TrackedMessage) -> bool:
+    """Central itself carries monitors out: they go on, and do not wait."""
+    return not (task.is_over or task.is_handled or task.message_class.is_monitor)

@@ -1,0 +1,184 @@
+"""Actions, and what is unfinished at the end, in words."""
+
+from collections.abc import Callable
+from typing import Any
+
+from tca_tools.explore.observed.messages import TrackedMessage
+from tca_tools.explore.play.actors import Actor, ModuleLine
+from tca_tools.explore.play.identifiers import renamed
+from tca_tools.explore.play.play import Action, ActionKind, Play, Waiting
+from tca_tools.explore.scenario.requests import in_words, point_in_words
+from tca_tools.explore.scenario.script_connection import CHOOSE
+from tca_tools.explore.scenario.steps import Ask, Await, Fail, GiveUp, Hang, Know, Owe, ReadWish, Return, Step, UseKept
+from tca_wire.packets import headers
+from tca_wire.points import describe_moments
+
+
+def describe(play: Play, action: Action) -> str:
+    """The next action in words: "gait planner in take steps {3} sends command move leg 2"."""
+    return _DESCRIBE[action.kind](play, action)
+
+
+def unfinished(play: Play) -> tuple[str, ...]:
+    """The tasks and scripts that have not ended, and what they wait for."""
+    tasks = [_left(play, task) for task in play.fold.tasks if not task.is_over]
+    return (*tasks, *(_stuck(play, line, actor) for line in play.lines.values() for actor in line.actors
+                      if actor.step is not None))  # fmt: skip
+
+
+def left_behind(play: Play, one: Waiting) -> str:
+    """One that waits for ever, and what for."""
+    if isinstance(one[0], int):
+        return _left(play, play.fold.seen[one[0]])
+    actor = one[0]
+    return _stuck(play, next(line for line in play.lines.values() if actor in line.actors), actor)
+
+
+def _stuck(play: Play, line: ModuleLine, actor: Actor) -> str:
+    return f"{_who(line, actor, play)} {_waiting(play, actor, actor.step)}"
+
+
+def _left(play: Play, task: TrackedMessage) -> str:
+    return f"{task} has not ended: {_standing(play, task)}"
+
+
+# --- actions ---------------------------------------------------------------------------------------------------------
+
+
+def _step(play: Play, action: Action) -> str:
+    line = play.lines[action.name]
+    actor = line.actor
+    assert actor is not None
+    branch = actor.branches[action.index]
+    found = [f"{'chooses' if got.kind == CHOOSE else 'finds itself'} {got.words}, " for got in branch.decisions]
+    return f"{_who(line, actor, play)} {''.join(found)}{_doing(play, actor, branch.step)}"
+
+
+def _hear(play: Play, action: Action) -> str:
+    inbox = play.lines[action.name].inbox
+    assert inbox is not None
+    header, _ = inbox.under_way[0]
+    named = [header.delivery] if isinstance(header, headers.Deliver) else getattr(header, "deliveries", [])
+    return f"{action.name} hears {type(header).__name__} {', '.join(_name(play, one) for one in named)}".rstrip()
+
+
+def _begin(play: Play, action: Action) -> str:
+    inbox = play.lines[action.name].inbox
+    assert inbox is not None
+    header, _ = inbox.session.ahead[0]
+    return f"{action.name} begins with {_name(play, header.delivery)}, which it has ahead"
+
+
+def _join(play: Play, action: Action) -> str:
+    run = play.runs[action.name]
+    if not run.steps_joined:
+        return f"{run.name} joins"
+    if run.steps_joined == 1:
+        return f"{run.name} registers its handlers"
+    return f"{run.name} is ready for {'a' if run.steps_joined == 2 else 'one more'} message at a time"
+
+
+def _break(play: Play, action: Action) -> str:
+    line = play.lines[action.name]
+    return f"{line.run.name} dies: connection {line.name} breaks" if line.run.is_alive else f"{line.name} breaks, too"
+
+
+def _time(play: Play, _: Action) -> str:
+    assert play.next_time is not None
+    return f"{round(play.next_time - play.now, 6):g} s pass"
+
+
+def _late(play: Play, action: Action) -> str:
+    line = play.lines[action.name]
+    actor = line.stack[-1]
+    return f"{_who(line, actor, play)} no longer {_waiting(play, actor, actor.step)}"
+
+
+_DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
+    ActionKind.STEP: _step,
+    ActionKind.HEAR: _hear,
+    ActionKind.BEGIN: _begin,
+    ActionKind.ANSWER: lambda _, action: f"{action.name} sends the replies that it has held",
+    ActionKind.JOIN: _join,
+    ActionKind.BREAK: _break,
+    ActionKind.LEAVE: lambda _, action: f"{action.name} begins to leave",
+    ActionKind.BYE: lambda _, action: f"{action.name} says goodbye",
+    ActionKind.KILL: lambda play, action: f"somebody kills {play.killable(action.name)[action.index]}",
+    ActionKind.SUSPEND: lambda play, action: f"somebody suspends {play.suspendable(action.name)[action.index]}",
+    ActionKind.RESUME: lambda play, action: (
+        f"somebody resumes {_name(play, play.suspended[action.name][action.index])}"
+    ),
+    ActionKind.TIME: _time,
+    ActionKind.LATE: _late,
+}
+
+
+# --- scripts ---------------------------------------------------------------------------------------------------------
+
+
+def _who(line: ModuleLine, actor: Actor, play: Play) -> str:
+    return f"{line.run.name} in {_name(play, actor.task or actor.delivery)}" if actor.delivery else line.run.name
+
+
+def _doing(play: Play, actor: Actor, step: Step | None) -> str:
+    return _DO[type(step)](play, actor, step)
+
+
+def _ask(play: Play, actor: Actor, step: Ask) -> str:
+    header = renamed(step.header, actor.real)
+    declared = {message.name: message.message_class for message in step.declares}
+    return in_words(header, step.body, declared.get(getattr(header, "message", "")), lambda task: _name(play, task))
+
+
+def _waiting(play: Play, actor: Actor, step: Step | None) -> str:
+    """The wait of an actor at that step, in words."""
+    if not isinstance(step, Await):
+        return _doing(play, actor, step)
+    header = actor.requests[step.request].header
+    if isinstance(header, headers.AwaitPoint):
+        return f"waits for {point_in_words(header.point, lambda task: _name(play, task))}"
+    if isinstance(header, headers.Lock):
+        return f"waits to {'reserve' if header.reserve else 'lock'} {header.resource}"
+    if isinstance(header, headers.WaitUntilHandled):
+        return f"waits until {', '.join(header.messages)} are handled"
+    return f"waits for the answer to {play.central.registry.messages[header.message].message_class} {header.message}"
+
+
+def _give_up(_: Play, actor: Actor, step: GiveUp) -> str:
+    request = actor.requests[step.request]
+    is_held = isinstance(request.header, headers.Lock) and request.is_over
+    return f"releases {request.header.resource}" if is_held else "wants no answer any more"
+
+
+_DO: dict[type, Callable[[Play, Actor, Any], str]] = {
+    Ask: _ask,
+    Await: _waiting,
+    GiveUp: _give_up,
+    Know: lambda _play, _actor, _step: "gets an error",
+    Return: lambda _play, _actor, _step: "returns",
+    Fail: lambda _play, _actor, step: "reissues its failure" if step.reissue else f"fails: {step.failure}",
+    ReadWish: lambda _play, _actor, step: f"{'waits for' if step.waits else 'looks at'} what clients want",
+    Owe: lambda _play, _actor, _step: "owes its reply",
+    UseKept: lambda _, __, step: f"uses the kept replies to {step.message}",
+    Hang: lambda _play, _actor, _step: "never goes on",
+}
+
+
+def _standing(play: Play, task: TrackedMessage) -> str:
+    reached = ", ".join(describe_moments(task.reached)) or "nothing reached"
+    after = [point_in_words(point, lambda task: _name(play, task))
+             for _, point in task.after if not play.fold.is_past(point)]  # fmt: skip
+    parts = [
+        reached,
+        f"failed: {task.failure}" if task.failure else "",
+        "being recovered" if task.recovering else "",
+        "suspended" if task.is_suspended else "",
+        "queued" if task.is_queued else "",
+        f"handled by {task.module}" if task.module else "",
+        f"waits for {', '.join(after)}" if after else "",
+    ]
+    return "; ".join(part for part in parts if part)
+
+
+def _name(play: Play, task: int) -> str:
+    return f"{play.names.get(task, '?')} {{{int(task)}}}"

@@ -1,0 +1,264 @@
+"""The scripts of a scenario: plain functions that do what a module's handlers do, with the module library's calls."""
+
+import inspect
+import re
+import traceback
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from itertools import count
+from typing import Any, NoReturn, TypeVar, cast, overload
+from weakref import ref
+
+from msgspec.structs import replace
+
+from tca_module.errors import LockLost, QueryFailed, Refused, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet
+from tca_module.link.connection import Connection
+from tca_module.sending.handler_errors import Reissued, failed
+from tca_module.sending.later_reply import LaterReply
+from tca_module.sending.sender import Sender
+from tca_module.sending.task import Task as ModuleTask
+from tca_module.sending.task_requests import TaskRequest
+from tca_tools.explore.errors import ExplorerError, ScenarioError
+from tca_tools.explore.scenario.script_connection import (
+    CHOOSE,
+    MOST_DECISIONS,
+    DecisionReached,
+    ScriptConnection,
+    StepReached,
+)
+from tca_tools.explore.scenario.steps import (
+    HERE,
+    OWN,
+    Branch,
+    Fail,
+    Given,
+    Got,
+    History,
+    Return,
+    ScriptRun,
+    Step,
+    UseKept,
+)
+from tca_tools.explore.scenario.worker_thread import leave_behind
+from tca_wire.errors import BadData
+from tca_wire.messages.declarations import FailureRaised, Message
+from tca_wire.messages.failures import BAD_DATA, HANDLER_ERROR
+from tca_wire.packets import headers
+from tca_wire.points import ROOT
+from tca_wire.vocabulary import Refusal
+
+T = TypeVar("T")
+
+_OF_THE_WORLD = (LockLost, QueryFailed, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet)
+"""Errors that a handler need not catch: it fails with them. All others are mistakes of the script's author."""
+
+_BY_CHANCE = (Refusal.TOO_LATE, Refusal.UNKNOWN)
+"""Refusals because of something that happened meanwhile: a lost module takes its resources along. (That a scenario has
+no such resource at all is found out when it is asked for: see Exchange.)
+"""
+
+
+class _Choices:
+    """The calls that only a scenario has."""
+
+    _explored: ScriptConnection
+
+    def choose(self, *alternatives: T) -> T:
+        """One of these: each is explored."""
+        if not alternatives:
+            self._explored.end(ScenarioError("choose() has nothing to choose from: give it the alternatives"))
+        return alternatives[self._explored.decide(CHOOSE, [_without_address(str(one)) for one in alternatives])]
+
+    def hang(self) -> NoReturn:
+        """Never go on, and never return."""
+        self._explored.hang()
+
+    def use_kept(self, message: Message[Any, Any], words: str = "") -> None:
+        """Use what this module's handlers of *message* keep with ``keep_reply``, or will, if they have begun.
+        *words* say how.
+        """
+        self._explored.do(UseKept(message.name, words))
+
+
+class Script(_Choices, Sender):
+    """The program of a module: each call that reaches central is one step of the exploration."""
+
+    def __init__(self, link: ScriptConnection) -> None:
+        Sender.__init__(self)
+        self._explored = link
+
+    def _connection(self) -> Connection:
+        return cast("Connection", self._explored)
+
+
+class Task(_Choices, ModuleTask):
+    """The task of a handler: the module library's Task, and choices."""
+
+    def __init__(self, link: ScriptConnection, given: Given, message: Message[Any, Any]) -> None:
+        delivery = headers.Deliver(HERE, message.name, OWN if given.is_task else ROOT, given.context)
+        ModuleTask.__init__(self, cast("Connection", link), delivery, message)
+        self._accepts = given.accepts
+        self._explored = link
+
+    def keep_reply(self, later: LaterReply[Any], then: Callable[..., object]) -> None:
+        """Have the module keep a LaterReply that the handler returns, until another script calls ``use_kept``. Then
+        ``then(later, words)`` is called, after which nothing keeps it, unless that calls this again.
+        """
+        self._explored.kept = later, then
+
+    @overload
+    def wait_for_request(self, timeout: None = None) -> TaskRequest: ...
+    @overload
+    def wait_for_request(self, timeout: float | None) -> TaskRequest | None: ...
+    def wait_for_request(self, timeout: float | None = None) -> TaskRequest | None:
+        """The next request of a client, each once; None after *timeout* seconds."""
+        served = self._served()
+        if not served.has_new:
+            self._explored.wait_for_wish(timeout, f"a request to {self}")
+        return served.take_new()
+
+
+class Program:
+    """A script of the scenario: a function, and what it has been seen to do."""
+
+    def __init__(self, name: str, function: Callable[..., Any], message: Message[Any, Any] | None) -> None:
+        self.name = name
+        self.message = message  #: None: what a module does by itself
+        self._function = function
+        self._arguments = _number_of_arguments(name, function, 2 if message else 1)
+        self._beginnings: dict[Given, ScriptRun] = {}
+        self._numbers = count()
+
+    def beginning(self, given: Given) -> ScriptRun:
+        """The life of a script that was given this and has got nothing yet."""
+        if given not in self._beginnings:
+            self._beginnings[given] = ScriptRun(given, next(self._numbers))
+        return self._beginnings[given]
+
+    def live(self, life: ScriptRun, *got: Got) -> ScriptRun:
+        """That life, and what it got then."""
+        for one in got:
+            life = life.then(one, next(self._numbers))
+        return life
+
+    def branches(self, life: ScriptRun) -> tuple[Branch, ...]:
+        """The ways in which a script that has this life may go on. Raises ScenarioError."""
+        if life.branches is None:
+            life.branches = tuple(self._explore(life.given, life.history(), ()))
+        return life.branches
+
+    def place(self, life: ScriptRun, branch: Branch) -> str:
+        """Where in the script a branch comes to its step."""
+        link = ScriptConnection(life.history() + branch.decisions, self._leave_behind)
+        with suppress(Exception, StepReached):
+            self._called(link, life.given)
+        return self._where(link.stopped)
+
+    def _explore(self, given: Given, history: History, decisions: History) -> Iterable[Branch]:
+        if len(decisions) > MOST_DECISIONS:
+            text = f"{self.name} decides {MOST_DECISIONS} times without sending or asking anything in between"
+            raise ScenarioError(f"the script of {text}: it would never go on")
+        try:
+            step = self._run(ScriptConnection(history + decisions, self._leave_behind), given)
+        except DecisionReached as fork:
+            for decision in fork.decisions:
+                yield from self._explore(given, history, (*decisions, decision))
+        else:
+            yield Branch(decisions, step)
+
+    def _leave_behind(self, error: ScenarioError | None) -> NoReturn:
+        """The script catches what is to end a run of it, and goes on."""
+        text = "it catches what ends a run of it (all is run again after each answer) and goes on, for ever: write \
+'except Exception:' instead of 'except:' or 'except BaseException:'"
+        if error is not None:
+            text = f"{error}; it catches this, and goes on for ever"
+        leave_behind(ScenarioError(f"{self._place(traceback.extract_stack())}: {text}"))
+
+    def _run(self, link: ScriptConnection, given: Given) -> Step:
+        """Run to the first step that is not past."""
+        try:
+            step = self._called(link, given) or _end(*link.owed())
+        except (StepReached, DecisionReached):
+            assert link.stopped is not None
+        except (Exception, SystemExit) as error:
+            raise ScenarioError(f"{self._where(error)}: {_described(link.error or error)}") from error
+        if link.error is not None:  # and the script went on
+            raise ScenarioError(f"{self._where(link.error)}: {link.error}")
+        if isinstance(link.stopped, DecisionReached):
+            raise link.stopped
+        return link.stopped.step if link.stopped is not None else step
+
+    def _called(self, link: ScriptConnection, given: Given) -> Step | None:
+        """Call the function; how it ended. None: it owes its reply."""
+        message = self.message
+        if message is None:
+            script: Script | Task = Script(link)
+            arguments: list[Any] = []
+        else:
+            script = Task(link, given, message)
+            try:
+                arguments = [message.decode_data(given.body)]
+            except BadData as error:
+                return Fail(BAD_DATA, str(error))
+        try:
+            result = self._function(script, *arguments[: self._arguments - 1])
+            link.settle()
+            return self._end_of(script, result)
+        except (FailureRaised, Reissued) as error:
+            return _end(*failed(HERE, error))
+        except _OF_THE_WORLD as error:
+            was_killed = isinstance(error, TaskKilled | Stopped)
+            return replace(_end(*failed(HERE, error)), text=str(error), was_killed=was_killed)
+        except Refused as error:
+            if error.refusal not in _BY_CHANCE:
+                raise
+            return Fail(HANDLER_ERROR, str(error))
+
+    def _end_of(self, script: Task | Script, result: Any) -> Return | None:
+        if isinstance(script, Task) and script.later is not None:
+            if result is not script.later:
+                raise ScenarioError("it called reply_later(): return what that gave")
+            script.returned()
+            result.returned()
+            script._explored.left = ref(result)  # noqa: SLF001
+            return None
+        return Return(self.message.encode_reply(result) if self.message else b"")
+
+    def _where(self, error: BaseException | None) -> str:
+        """The place in the script at which an error was raised."""
+        return self._place(traceback.extract_tb(error.__traceback__) if error is not None else [])
+
+    def _place(self, frames: Iterable[traceback.FrameSummary]) -> str:
+        code = inspect.unwrap(self._function).__code__
+        lines = [frame.lineno for frame in frames if frame.filename == code.co_filename]
+        return f"the script of {self.name} ({code.co_filename}, line {lines[-1] if lines else code.co_firstlineno})"
+
+
+def _end(header: headers.Reply | headers.Fail, body: bytes) -> Return | Fail:
+    """The end of a handler as a step."""
+    if isinstance(header, headers.Reply):
+        return Return(body)
+    return Fail(header.failure, header.text, body, (*header.kinds,), header.reissue)
+
+
+def _without_address(words: str) -> str:
+    """Words for an object without where it is in memory."""
+    return re.sub(r" at 0x[0-9a-f]+", "", words)
+
+
+def _described(error: BaseException) -> str:
+    known = isinstance(error, ExplorerError) or type(error).__module__.startswith(("tca_module", "tca_wire"))
+    return str(error) if known else repr(error)
+
+
+def _number_of_arguments(name: str, function: Callable[..., Any], most: int) -> int:
+    wanted = "(task, data) or (task)" if most == 2 else "(me)"
+    try:
+        parameters = inspect.signature(function).parameters.values()
+        number = sum(parameter.default is parameter.empty for parameter in parameters)
+    except (TypeError, ValueError):
+        raise ScenarioError(f"the script of {name} is {function!r}: write a function of {wanted}") from None
+    is_plain = not (inspect.isgeneratorfunction(function) or inspect.iscoroutinefunction(function))
+    if not 1 <= number <= most or not is_plain:
+        raise ScenarioError(f"the script of {name} is no plain function of {wanted}: write one")
+    return number

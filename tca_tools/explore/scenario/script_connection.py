@@ -1,0 +1,421 @@
+"""The connection of a script to central: what the module library's own code talks to when a script calls it.
+
+A script is run anew from its start whenever it has got something back: the calls whose answers are known return them,
+and the first one whose answer is not there ends the run (``StepReached``). So a script that is half through is nothing
+but its data and what it got, which can be copied and compared. All that a task can do is the library's own code: only
+the connection under it is another one.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from types import SimpleNamespace
+from typing import Any, NoReturn, cast
+
+from tca_module.checks import check_message
+from tca_module.errors import FormatRefused, Refused, Stopped, TaskKilled
+from tca_module.link.connection import ACKNOWLEDGED_WITHIN
+from tca_module.sending.replies import QUERY_TIMEOUT
+from tca_module.session.epoch_numbers import numbers_in
+from tca_module.session.open_deliveries import OpenDelivery
+from tca_module.session.request import Request
+from tca_module.session.sent_tasks import SentId, TaskSends
+from tca_tools.explore.errors import ScenarioError
+from tca_tools.explore.scenario.steps import (
+    HERE,
+    Ask,
+    Await,
+    GiveUp,
+    Got,
+    Hang,
+    History,
+    Know,
+    Owe,
+    ReadWish,
+    Step,
+)
+from tca_wire.messages.declarations import Message
+from tca_wire.packets import headers
+from tca_wire.packets.changes import ChangeState, Observe, Requested
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import Refusal
+
+CHOOSE, CANCELLED, SUSPENDED = "choose", "cancelled", "suspended"
+"""The decisions of a script without central: kinds of a Got."""
+
+MOST_CAUGHT = 10_000
+"""How often a script may go on after a run of it was ended: more often only one does that catches this and all else."""
+
+MOST_DECISIONS = 100
+"""Between two steps; a script that decides more often never takes one."""
+
+_NOT_EXPLORED = {
+    headers.Ask: "modules(), handlers() and status()",
+    Observe: "observing",
+    "listen": "to follow a task (state, changes(), progress(), update(); take() and cancel() are)",
+    "is_taken": "held",
+    "until_over": "await",
+    "wait_until": "sleep() and wait_until()",
+    "callbacks": "query_notify()",
+}
+
+
+class StepReached(BaseException):
+    """The script got to a step whose answer is not there yet. No ``except Exception`` of a script catches it."""
+
+    def __init__(self, step: Step) -> None:
+        super().__init__(step)
+        self.step = step
+
+
+class DecisionReached(BaseException):
+    """The script got to a decision that has not been made yet."""
+
+    def __init__(self, decisions: Iterable[Got]) -> None:
+        super().__init__()
+        self.decisions = tuple(decisions)
+
+
+class ScriptRequest:
+    """A request that a script has made, and what it has read of the answers."""
+
+    def __init__(self, link: "ScriptConnection", place: int) -> None:
+        self.place = place
+        self.answers: deque[tuple[headers.Answer, bytes]] = deque()
+        self.accepted: int | None = None
+        self.taken = ""
+        self.is_over = False
+        self.epoch = ""  #: central is never restarted here
+        self._link = link
+
+    @property
+    def notify(self) -> None:
+        """Nobody is called."""
+
+    @notify.setter
+    def notify(self, _: object) -> None:
+        self._link.refuse("query_notify()")
+
+
+class WishesOfClients:
+    """What clients want of the task that a script handles: each is read with a step of its own."""
+
+    def __init__(self, link: "ScriptConnection") -> None:
+        self._link = link
+        self._read: deque[tuple[Requested, bytes]] = deque()
+
+    def __bool__(self) -> bool:
+        if not self._read:
+            self.look(ReadWish())
+        return bool(self._read)
+
+    def popleft(self) -> tuple[Requested, bytes]:
+        """The next one."""
+        return self._read.popleft()
+
+    def look(self, step: ReadWish) -> Got:
+        """Read the next one that is there, or comes."""
+        got = self._link.do(step)
+        if got.words:
+            self._read.append((Requested(HERE, got.words, got.choice, got.text), got.body))
+        return got
+
+
+class ScriptDelivery:
+    """The delivery that a script handles, as the library knows it."""
+
+    def __init__(self, link: "ScriptConnection") -> None:
+        self.requested = WishesOfClients(link)
+        self.on_request: list[Callable[[], None]] = []
+        self.is_killed = self.is_cancelled = link.is_cancelled
+        self._state: Any = None
+
+    def state_of(self, _: int, make: Callable[[OpenDelivery], Any]) -> Any:
+        """The state of its task, made when it is first needed."""
+        self._state = self._state or make(cast("OpenDelivery", self))
+        return self._state
+
+
+class ScriptConnection:
+    """One run of a script up to the end of what it has got."""
+
+    def __init__(self, history: History, on_caught: Callable[[ScenarioError | None], NoReturn] | None = None) -> None:
+        # central is never restarted here: nothing is kept for that, no number marked
+        attachments = SimpleNamespace(of=lambda _: None)
+        self.transport = SimpleNamespace(time=self.now, waker=lambda: None)
+        self.delivery = ScriptDelivery(self)
+        self.session = SimpleNamespace(
+            epoch="", module="explored", attachments=attachments, open_deliveries=self.delivery
+        )
+        self.is_mine = True  #: a script has one thread
+        self._all_declared: dict[str, Message[Any, Any]] = {}
+        self.silence = ""  #: of central, which is never silent
+        self.is_inherited = False  #: no script forks
+        self.log = SimpleNamespace(error=lambda *_: None)  #: each run would say it
+        self.kept: Any = None  #: the LaterReply that is kept, and its use
+        self.left: Callable[[], object] = lambda: None  #: the one that was returned
+        self._news: deque[Callable[[], None]] = deque()
+        self.call_soon = self._news.append  #: a function, for ``hear_threads``
+        self._owed: Any = None  #: the reply that was left to others
+        self.stopped: StepReached | DecisionReached | None = None  #: where the run ended, or shall end
+        self.error: ScenarioError | None = None  #: the call that can't be played
+        self._on_caught = on_caught  #: called if the script never lets it end
+        self._sends = TaskSends()
+        self._history = history
+        self._at = 0
+        self._is_told = False  #: that its task was killed, or its module ends
+        self._requests = 0
+        self._caught = 0  #: how often the script went on after its end
+        self._declared: dict[str, Message[Any, Any]] = {}  #: since the last step
+
+    def __getattr__(self, name: str) -> Any:
+        if name in _NOT_EXPLORED:
+            self.refuse(_NOT_EXPLORED[name])
+        raise AttributeError(name)
+
+    def refuse(self, call: str) -> NoReturn:
+        """A script can't do that."""
+        self.end(ScenarioError(f"{call} is not explored: leave it out of the scenario, or model what it does"))
+
+    # --- the run -----------------------------------------------------------------------------------------------------
+
+    def do(self, step: Step) -> Got:
+        """Take a step: what it got, or the end of this run."""
+        self.hear_threads()
+        if self._at < len(self._history):
+            return self._past(step.kind)
+        if self.stopped is None:
+            self.stopped = StepReached(step)
+        raise self._over()
+
+    def decide(self, kind: str, alternatives: Sequence[str]) -> int:
+        """Which of these: each is explored."""
+        if self._at < len(self._history):
+            got = self._past(kind)
+            if got.choice >= len(alternatives) or alternatives[got.choice] != got.words:
+                self._refuse_change()
+            return got.choice
+        if self.stopped is None:
+            self.stopped = DecisionReached(Got(kind, choice=i, words=words) for i, words in enumerate(alternatives))
+        raise self._over()
+
+    def hang(self) -> NoReturn:
+        """Never go on."""
+        self.do(Hang())
+        raise AssertionError
+
+    def _past(self, kind: str) -> Got:
+        got = self._history[self._at]
+        if got.kind != kind:
+            self._refuse_change()
+        self._at += 1
+        return got
+
+    def _refuse_change(self) -> NoReturn:
+        self.end(ScenarioError("it does not do the same when it is run again: it may use nothing but its arguments"))
+
+    def end(self, error: ScenarioError) -> NoReturn:
+        """End the script with this error: it can't be played."""
+        self.error = error
+        self._check_caught()
+        raise error
+
+    def _over(self) -> StepReached | DecisionReached:
+        """The result that ends this run: once more, where code that cleans up goes on."""
+        assert self.stopped is not None
+        self._check_caught()
+        return self.stopped
+
+    def _check_caught(self) -> None:
+        self._caught += 1
+        if self._caught > MOST_CAUGHT and self._on_caught is not None:
+            self._on_caught(self.error)
+
+    # --- calls of the module library: see tca_module/link/connection.py -----------------------
+
+    def has_declared(self, message: Message[Any, Any]) -> bool:
+        """All are declared with each step."""
+        check_message(message)
+        return False
+
+    def declare(self, *messages: Message[Any, Any], within: float = 0.0) -> None:
+        """Central must know these."""
+        del within
+        self._declared.update({message.name: message for message in messages})
+        self._all_declared.update(self._declared)
+
+    def declared(self, name: str) -> Message[Any, Any] | None:
+        """The message of that name, if the script has declared it."""
+        return self._all_declared.get(name)
+
+    def catch_up(self) -> None:
+        """What has come is read by steps."""
+
+    def send_change(self, header: ChangeState, body: bytes, what: str) -> None:
+        """Change the state of a task; central's word is there at once."""
+        _checked(self.do(self._ask(header, body)), what)
+
+    def wait_for_wish(self, seconds: float | None, what: str) -> None:
+        """Wait for what a client wants of the task."""
+        got = self.delivery.requested.look(ReadWish(waits=True, seconds=seconds))
+        if got.is_woken:
+            self._be_woken(got, what)
+
+    # --- replies that are owed: see tca_module/sending/later_reply.py -------------------------------------------------
+
+    def check_process(self) -> None:
+        """No script forks."""
+
+    def hear_threads(self) -> None:
+        """Do what was asked for with ``call_soon``: before the next step; never, if this run has ended."""
+        while self._news:
+            self._news.popleft()()
+
+    def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
+        """The reply that is owed is given."""
+        self._owed = header, body
+
+    def owed(self) -> tuple[headers.Reply | headers.Fail, bytes]:
+        """The reply that is owed, once it is given.
+
+        A LaterReply that nothing keeps is dropped, and says so with ``call_soon``, at the same place of each run: the
+        frames of the script are gone, and CPython ends at once what nothing refers to. What lives on is kept elsewhere,
+        or by a circle of references, which CPython may look for at any time: both are refused.
+        """
+        self.hear_threads()
+        if self._owed is None and self.kept is None and self.left() is not None:
+            self.refuse("a LaterReply kept by other means than keep_reply()")
+        if self._owed is None:
+            self._use(*(self.kept or self.hang()))
+        return self._owed or self.owed()
+
+    def _use(self, later: Any, then: Callable[[Any, str], object]) -> None:
+        self.kept, got = None, self.do(Owe())
+        later.module_ends() if got.module_ends else then(later, got.words)
+
+    def call(self, header: Any, what: object, body: bytes = b"", within: float = 0) -> int:
+        """Have central do something."""
+        del within
+        return _checked(self.do(self._ask(header, body)), what).id
+
+    def send_task(self, header: Any, body: bytes, what: str) -> TaskId:
+        """Send a task; central's word is there at once, and an error is raised as soon as the script goes on with it,
+        or with anything else.
+        """
+        got = self.do(self._ask(header, body))
+        if got.refusal is None:
+            return got.id
+        request = Request(header, body, wants_answer=False)
+        request.what, request.refused, request.is_over = what, headers.Refused(0, got.refusal, got.text), True
+        self._sends.add(request)
+        return TaskId(SentId(self, request))
+
+    def acknowledged(self, request: Request) -> NoReturn:
+        """Raise the error that a send came to."""
+        self._sends.discard(request)
+        request.check(request.what)
+        raise AssertionError
+
+    def settle(self) -> None:
+        """Raise the error of what the script has sent: it returns, or goes on."""
+        self._sends.check(0)
+        self._sends.check(HERE)
+
+    def post(self, header: Any, body: bytes) -> None:
+        """Say something that has no answer."""
+        self.do(self._ask(header, body, is_told=True))
+
+    def request(
+        self, header: Any, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
+    ) -> ScriptRequest:
+        """Ask something."""
+        del is_awaited
+        if type(header) in _NOT_EXPLORED:
+            self.refuse(_NOT_EXPLORED[type(header)])
+        self.do(self._ask(header, body, wants_answer=wants_answer))
+        self._requests += 1
+        return ScriptRequest(self, self._requests - 1)
+
+    def wait(
+        self, request: ScriptRequest, timeout: float | None, what: str, is_over: Callable[[], bool] | None = None
+    ) -> bool:
+        """Wait for an answer. The time that a query waits unless said otherwise is taken as endless."""
+        seconds = None if timeout in (QUERY_TIMEOUT, ACKNOWLEDGED_WITHIN) else timeout
+        if is_over is not None and seconds is not None:
+            self.refuse("multi_query(timeout=...)")
+        while not (request.is_over or (is_over is not None and is_over())):
+            got = self.do(Await(request.place, seconds))
+            if got.is_woken:
+                self._be_woken(got, what, request)
+            if _checked(got, what).is_late:
+                return False
+            request.is_over = got.is_over
+            if got.answer is None:
+                request.accepted = got.id
+            else:
+                request.answers.append((got.answer, got.body))
+        return True
+
+    def _be_woken(self, got: Got, what: str, request: ScriptRequest | None = None) -> NoReturn:
+        self._is_told = True
+        if request is not None:
+            if got.answer is None and got.refusal is None:
+                self.abandon(request)
+            request.is_over = True
+        why = f"{what} is not waited for any more"
+        raise Stopped(f"its module ends: {why}") if got.module_ends else TaskKilled("its task", why)
+
+    def mark_told(self) -> None:
+        """The script gets an error, and knows by that of its kill."""
+        self.do(Know())
+
+    def abandon(self, request: ScriptRequest) -> None:
+        """Want no answer any more."""
+        if not request.is_over:
+            request.is_over = True
+            self.do(GiveUp(request.place))
+
+    def give_up(self, request: ScriptRequest) -> str:
+        """As *abandon*; the reason is not told here: such words differ from run to run."""
+        self.abandon(request)
+        return ""
+
+    def check_thread(self, *_: object) -> None:
+        """A script has one thread."""
+
+    def release(self, request: ScriptRequest, what: str, *, at_once: bool = False) -> bool:
+        """Want no longer the lock that a request has got; whether it was had until now."""
+        del what, at_once
+        request.taken = self.do(GiveUp(request.place)).text
+        return not request.taken
+
+    def is_cancelled(self, delivery: int) -> bool:
+        """Whether the script has been told to end, by a kill or its module; once told, it stays so."""
+        del delivery
+        self._is_told = self._is_told or bool(self.decide(CANCELLED, ("not cancelled", "cancelled")))
+        return self._is_told
+
+    def is_suspended(self, delivery: int) -> bool:
+        """Whether the script has been told that its task is suspended."""
+        del delivery
+        return bool(self.decide(SUSPENDED, ("not suspended", "suspended")))
+
+    def _check_sends(self, header: Any) -> None:
+        self.settle()
+        for number in numbers_in(header):
+            if isinstance(number, SentId):
+                number.be_nameable(self)
+
+    def now(self) -> float:
+        """Time does not pass for a script."""
+        return 0.0
+
+    def _ask(self, header: Any, body: bytes, *, wants_answer: bool = False, is_told: bool = False) -> Ask:
+        self._check_sends(header)
+        declares, self._declared = tuple(self._declared.values()), {}
+        return Ask(header, body, declares, wants_answer, is_told)
+
+
+def _checked(got: Got, what: object) -> Got:
+    if got.refusal is not None:
+        raise (FormatRefused if got.refusal is Refusal.FORMAT else Refused)(str(what), got.refusal, got.text)
+    return got

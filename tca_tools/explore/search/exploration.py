@@ -1,0 +1,267 @@
+"""Goes through every run of a scenario, breadth first: what it finds wrong is shown by the shortest run that does."""
+
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+
+import msgspec
+
+from tca_central.invariants import check_invariants
+from tca_tools.explore.errors import CentralFault, ScenarioError
+from tca_tools.explore.observed.world import World, breach_in_words
+from tca_tools.explore.play.play import Action, Play, Waiting, carried, outcome, waiting
+from tca_tools.explore.play.words import unfinished
+from tca_tools.explore.pure_core import check_core
+from tca_tools.explore.scenario.argument_checks import checked_number, nearest
+from tca_tools.explore.scenario.scenario import Scenario, checked_properties
+from tca_tools.explore.scenario.worker_thread import check_wanted, in_worker_thread
+from tca_tools.explore.search import circles
+from tca_tools.explore.search.branching import Branching
+from tca_tools.explore.search.fingerprint import Detail, recognised
+from tca_tools.explore.search.snapshot import Snapshots
+from tca_tools.explore.search.states import Result, SearchState, Violation, Way, replayed
+from tca_tools.properties.algebra import NeverStuck, Property, words_of
+
+LIMIT = 100_000
+"""States after which an exploration ends without an answer, unless said otherwise."""
+
+KEPT_BYTES = 256 << 20
+"""How much the snapshots of states yet to be left may hold; what has none is played again from the start."""
+
+KEPT_PLAYS = 500
+"""How many states keep their play itself: going on from it costs no copy, but it takes ten times the room."""
+
+WATCHED_EVERY = 32
+"""States that are gone on from between one call of *watch* and the next."""
+
+
+def explore(
+    scenario: Scenario, *properties: Property, limit: int = LIMIT, watch: Callable[[int, int], None] | None = None
+) -> Result:
+    """Explore every run of *scenario*, until something is found that must not be, or *limit* states were seen.
+
+    Checks the properties of the scenario, these further *properties*, and central's own invariants. *watch* is called
+    from time to time with how many states were seen, and how many of them are still to be left. Raises ScenarioError if
+    a script can't be played.
+    """
+    check_core()
+    if not isinstance(scenario, Scenario):
+        raise ScenarioError(f"explore() takes a Scenario, and {scenario!r:.60} is none")
+    checked_number(limit, "explore(limit=...)", least=1)
+    judged = (*scenario.properties, *checked_properties(properties))
+    _check_module_names(scenario, judged)
+    detail = Detail()
+    while True:
+        exploration = _Exploration(scenario, judged, limit, detail, watch)
+        try:
+            return in_worker_thread(exploration.run)
+        except _MoreDetail as more:
+            detail = more.detail
+
+
+class _MoreDetail(BaseException):
+    """States must be told apart by more."""
+
+    def __init__(self, detail: Detail) -> None:
+        super().__init__(detail)
+        self.detail = detail
+
+
+class _Exploration:
+    def __init__(self, scenario: Scenario, properties: tuple[Property, ...], limit: int, detail: Detail,
+                 watch: Callable[[int, int], None] | None) -> None:  # fmt: skip
+        self.scenario = scenario
+        self.properties = properties
+        self.limit = limit
+        self.detail = detail
+        self.watch = watch
+        self.known: dict[bytes, SearchState] = {}
+        self.frontier: deque[SearchState] = deque()
+        self.steps = 0
+        self.ends = 0
+        self.branching = Branching()
+        self.outcomes: dict[bytes, SearchState] = {}
+        self.plays: dict[SearchState, Play] = {}  #: of states yet to be left
+        self.saved = 0  #: bytes that snapshots hold
+        self.snapshots = Snapshots()
+        self.used = set(scenario.messages())  #: the messages that are handled, or were used so far
+        self.without_case = set(range(len(properties)))  #: the properties for which there was nothing to judge so far
+
+    def run(self) -> Result:
+        """All states, nearest first; then the circles, if there are any."""
+        violation = self._arrive(None, None, Play(self.scenario))
+        while self.frontier and violation is None and len(self.known) <= self.limit:
+            violation = self._leave(self.frontier.popleft())
+            left = len(self.known) - len(self.frontier)
+            if self.watch is not None and not left % WATCHED_EVERY:
+                self.watch(len(self.known), len(self.frontier))
+        is_complete = not self.frontier and violation is None
+        states = list(self.known.values())
+        longest = _longest_way(states) if is_complete else None
+        if is_complete and longest is None:
+            violation = self._go_round(states)
+        if is_complete:
+            _check_message_names(self.scenario, self.properties, self.used)
+        vacuous = [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
+        said_nothing = tuple(f"'{one}': there never is '{words_of(one.case)}'" for one in vacuous)
+        return Result(self.scenario, len(self.known), self.steps, self.ends, longest, is_complete, violation,
+                      said_nothing, {key: state.actions() for key, state in self.outcomes.items()},
+                      self.branching.most())  # fmt: skip
+
+    def _go_round(self, states: list[SearchState]) -> Violation | None:
+        """Some runs go on for ever: judge what never happens in them."""
+        if not any(isinstance(one, NeverStuck) or one.may_be_owed for one in self.properties):
+            return None
+        if not self.detail.names:
+            raise _MoreDetail(msgspec.structs.replace(self.detail, names=True))
+        return circles.judge(self.scenario, self.properties, states)
+
+    def _leave(self, state: SearchState) -> Violation | None:
+        """Take every action that is possible in a state."""
+        check_wanted()
+        play = self.plays.pop(state, None) or self._play_of(state)
+        actions = play.actions()
+        self.branching.add(play, actions)
+        if all(action.is_optional for action in actions):
+            self.ends += 1
+            if self.scenario.has_messages_ahead:
+                self.outcomes.setdefault(outcome(play), state)
+            if violation := self._end(state, play):
+                return violation
+        if len(actions) > 1:
+            self._save(state, play)
+        for action in actions:
+            violation = self._take(state, action, play if action is actions[-1] else self._play_of(state))
+            if violation is not None:
+                return violation
+        if state.snapshot is not None:
+            self.saved -= len(state.snapshot)
+            state.snapshot = None
+        return None
+
+    def _play_of(self, state: SearchState) -> Play:
+        return self.snapshots.load(state.snapshot) if state.snapshot is not None else replayed(self.scenario, state)
+
+    def _take(self, state: SearchState, action: Action, play: Play) -> Violation | None:
+        self.steps += 1
+        waited = waiting(play) if self.detail.names else []
+        try:
+            play.perform(action)
+        except CentralFault as fault:
+            return Violation("central handles everything", str(fault), (*state.actions(), action))
+        return self._arrive(state, action, play, waited)
+
+    def _arrive(
+        self, before: SearchState | None, action: Action | None, play: Play, waited: Sequence[Waiting] = ()
+    ) -> Violation | None:
+        """A state is reached: check it, and remember it if it is new."""
+        state = SearchState(before, action, before.memories if before else (0,) * len(self.properties))
+        if play.fold.broken:
+            return Violation("what central promises", play.fold.broken, state.actions())
+        if violation := self._judge(state, play, before.order if before else ()):
+            return violation
+        key, state.order = recognised(play, state.memories, self.detail)
+        known = self.known.get(key)
+        if before is not None:
+            before.following.append(known or state)
+            if self.detail.names and action is not None:
+                before.ways.append(Way(action, known or state, carried(waited, play)))
+        if known is not None:
+            return None
+        try:
+            check_invariants(play.central)
+        except AssertionError as error:
+            return Violation("central's own invariants", str(error), state.actions())
+        self.used.update(play.central.registry.messages)
+        self.known[key] = state
+        self.frontier.append(state)
+        if len(self.plays) < KEPT_PLAYS:
+            self.plays[state] = play
+        else:
+            self._save(state, play)
+        return None
+
+    def _save(self, state: SearchState, play: Play) -> None:
+        if state.snapshot is None and self.saved < KEPT_BYTES:
+            state.snapshot = self.snapshots.save(play)
+            self.saved += len(state.snapshot)
+
+    def _judge(self, state: SearchState, play: Play, order: tuple[int, ...]) -> Violation | None:
+        """The first violation of a property in a state; stores the memories of the properties."""
+        world = World(play.fold, {message: place for place, message in enumerate(order)}, self._look_at_time)
+        memories = []
+        for number, (one, memory) in enumerate(zip(self.properties, state.memories, strict=True)):
+            try:
+                remembered, breach = one.seen(world, memory)
+                if number in self.without_case and (one.case is None or world.true_of(one.case).is_true):
+                    self.without_case.discard(number)
+            except Exception as error:
+                raise ScenarioError(f"property '{one}' can't be asked: {type(error).__name__}: {error}") from error
+            if breach:
+                return Violation(str(one), breach_in_words(breach), state.actions())
+            memories.append(remembered)
+        state.memories = tuple(memories)
+        return None
+
+    def _look_at_time(self) -> None:
+        """A property looks at how long the run has lasted: that is part of the state then, from the beginning."""
+        if not self.detail.time:
+            raise _MoreDetail(msgspec.structs.replace(self.detail, time=True))
+
+    def _end(self, state: SearchState, play: Play) -> Violation | None:
+        """A run may end here."""
+        left = "".join(f"\n{line}" for line in unfinished(play))
+        for one, memory in zip(self.properties, state.memories, strict=True):
+            breach = ""
+            if isinstance(one, NeverStuck) and left:
+                breach = f"and this is left:{left}"
+            elif one.is_owed(memory):
+                left += "".join(f"\n{words}" for words in _unknown_names(one, self.used))
+                breach = f"and it never did{left}"
+            if breach:
+                return Violation(str(one), f"nothing further need happen, {breach}", state.actions())
+        return None
+
+
+def _longest_way(states: list[SearchState]) -> int | None:
+    """The most actions from the first state to any; None if there is a way round in a circle."""
+    ways_in = Counter(id(following) for state in states for following in state.following)
+    length = dict.fromkeys(map(id, states), 0)
+    ready = states[:1]
+    for state in ready:  # grows while it is walked
+        for following in state.following:
+            length[id(following)] = max(length[id(following)], length[id(state)] + 1)
+            ways_in[id(following)] -= 1
+            if not ways_in[id(following)]:
+                ready.append(following)
+    return max(length.values()) if len(ready) == len(states) else None
+
+
+# --- names: of a wrong one everything would hold, and nobody would hear of it ----------------------------------------
+
+
+def _check_module_names(scenario: Scenario, properties: Iterable[Property]) -> None:
+    """Raise ScenarioError for a property of a module that the scenario has not."""
+    for one in properties:
+        for named in one.named:
+            if named.module and named.module.partition("#")[0] not in scenario.modules:
+                raise ScenarioError(f"property '{one}': scenario '{scenario.title}' has no module '{named.module}'; "
+                                    f"{nearest(named.module, scenario.modules)}")  # fmt: skip
+
+
+def _check_message_names(scenario: Scenario, properties: Iterable[Property], used: Collection[str]) -> None:
+    """Raise ScenarioError for the name of a message that is not among all that are handled or *used*."""
+    others = [("may_kill()", scenario.may_be_killed), ("may_suspend()", scenario.may_be_suspended)]
+    missing = [f"property '{one}': {words}" for one in properties for words in _unknown_names(one, used)]
+    missing += [f"{call}: {_missing(name, used)}" for call, names in others for name in names if name not in used]
+    if missing:
+        raise ScenarioError(f"it can't be judged: {missing[0]}")
+
+
+def _unknown_names(one: Property, used: Collection[str]) -> Iterator[str]:
+    """The unknown names of messages in a property, as errors in words."""
+    names = dict.fromkeys(named.message for named in one.named if named.message)
+    return (_missing(name, used) for name in names if name not in used)
+
+
+def _missing(name: str, used: Collection[str]) -> str:
+    return f"there is no message '{name}': no module handles it, and no script uses it; {nearest(name, used)}"

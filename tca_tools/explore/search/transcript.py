@@ -1,0 +1,47 @@
+"""The result of an exploration as text; a counterexample as the story of its run."""
+
+from contextlib import suppress
+
+from tca_tools.explore.errors import CentralFault
+from tca_tools.explore.play.identifiers import numbers_shown
+from tca_tools.explore.play.play import Play
+from tca_tools.explore.play.words import describe
+from tca_tools.explore.search.states import Result, Violation
+from tca_wire.journal.facts import Fact, FormatDefined, kind_of
+from tca_wire.text.facts_in_words import Wording
+
+
+def report(result: Result) -> str:
+    """A line, or a counterexample: one line per action and, indented, what central recorded."""
+    title, violation = result.scenario.title, result.violation
+    size = f"{result.states:,} states"
+    if violation is not None:
+        with numbers_shown():
+            return "\n".join([f"{title}: NOT {violation.broken} (after {size})", *_story(result, violation)])
+    if not result.is_complete:
+        line = f"{title}: not known, nothing wrong in the first {size}: make it smaller, or raise the limit"
+        most = ", ".join(result.branching)
+        return line + (f"\n  open beside other things: {most}; leave out what the question needs least" if most else "")
+    longest = "some runs need not end" if result.longest is None else f"at most {result.longest} actions a run"
+    return "\n".join([f"{title}: good, {size}, {longest}", *(f"  said nothing: {one}" for one in result.vacuous)])
+
+
+def _story(result: Result, violation: Violation) -> list[str]:
+    play, wording, lines = Play(result.scenario), Wording(), []
+    stem = len(violation.actions)
+    for number, action in enumerate((*violation.actions, *violation.circle), start=1):
+        if number == stem + 1:
+            lines.append("and then again and again:")
+        lines.append(f"{number:3}. {describe(play, action)}")
+        with suppress(CentralFault):  # that is what is wrong then
+            play.perform(action)
+        lines += [f"       {line}" for fact in play.facts if (line := _line(wording, fact))]
+    return [
+        *lines,
+        *(f"  => {line}" if i == 0 else f"     {line}" for i, line in enumerate(violation.why.splitlines())),
+    ]
+
+
+def _line(wording: Wording, fact: Fact) -> str:
+    words = wording.words(fact)
+    return "" if isinstance(fact, FormatDefined) else f"{kind_of(fact)}: {words}"

@@ -1,0 +1,210 @@
+"""Which tasks and messages of a run are asked for: a subtree, some modules, a span of time. Pure; draws nothing."""
+
+from bisect import bisect_left
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from difflib import get_close_matches
+from itertools import islice
+from math import inf
+from operator import attrgetter
+from typing import Protocol
+
+from tca_tools.errors import NotInLog
+from tca_tools.journal.at_time import RunAt, TaskAt
+from tca_tools.journal.records import HandlerWait, Message, Queueing, Task
+from tca_tools.journal.whole_run import Run
+from tca_wire.points import ROOT, Moment, TaskId
+from tca_wire.text.printable import printable
+
+_GRANTED, _START = attrgetter("granted"), attrgetter("start")
+_NAMED = 5
+"""How many tasks of one name an error lists."""
+
+
+class Forest(Protocol):
+    """Tasks as they were at a moment, oldest first, each under its parent."""
+
+    @property
+    def tasks(self) -> Mapping[int, TaskAt]:
+        """By number."""
+
+    @property
+    def time(self) -> float:
+        """The time on the clock of the entries."""
+
+    def children(self, task: int) -> Sequence[TaskId]:
+        """The tasks right under *task*, oldest first."""
+
+
+class Excerpt:
+    """Some tasks of a run, as they were. Those whose parents are not among them stand at the top."""
+
+    def __init__(self, at: RunAt, chosen: Collection[int]) -> None:
+        self.tasks = {number: at.tasks[number] for number in at.tasks if number in chosen}
+        self.time = at.time
+        self._top = [TaskId(number) for number, task in self.tasks.items() if task.parent not in chosen]
+
+    def children(self, task: int) -> Sequence[TaskId]:
+        """The tasks right under *task*, oldest first."""
+        if task == ROOT:
+            return self._top
+        return [child for child in self.tasks[task].children if child in self.tasks]
+
+
+def tasks_called(run: Run, text: str) -> list[TaskId]:
+    """The tasks that *text* means: the one of that number, or all of that name. Raises NotInLog if there is none."""
+    wanted = text.strip().strip("{}")
+    found = [TaskId(int(wanted))] if wanted.isdecimal() and int(wanted) in run.tasks else []
+    found = found or [TaskId(task.id) for task in run.tasks.values() if task.name == text]
+    if not found:
+        if wanted.isdecimal() and (message := run.messages.get(int(wanted))):
+            told = f"'tca tree --story {message.id}' tells what became of it"
+            raise NotInLog(f"{printable(str(message))} is a {message.message_class}, no task: {told}")
+        raise no_task(text, {task.name for task in run.tasks.values()}, _in_journal(run))
+    return found
+
+
+def no_task(text: str, names: Collection[str], where: str = "in this journal") -> NotInLog:
+    """The error that says so, with the nearest of the *names* that there are."""
+    return NotInLog(f"no task '{printable(text)}' {where}{_nearest(text, names)}")
+
+
+def one_task(run: Run, text: str) -> TaskId:
+    """The only task that *text* means. Raises NotInLog, with the numbers to choose from, if there are several."""
+    return TaskId(_only(tasks_called(run, text), text, "tasks"))
+
+
+def one_message(run: Run, text: str) -> int:
+    """The only message that *text* means; tasks come first."""
+    wanted = text.strip().strip("{}")
+    if wanted.isdecimal() and int(wanted) in run.messages:
+        return int(wanted)
+    if any(task.name == text for task in run.tasks.values()):
+        return one_task(run, text)
+    found = [message.id for message in run.messages.values() if message.name == text]
+    return _only(found, text, "messages") if found else one_task(run, text)
+
+
+def _only(found: Sequence[int], text: str, what: str) -> int:
+    if len(found) > 1:
+        numbers = ", ".join(map(str, found[:_NAMED])) + (" ..." if len(found) > _NAMED else "")
+        raise NotInLog(f"{len(found)} {what} are called '{printable(text)}': name one by its number: {numbers}")
+    return found[0]
+
+
+def check_modules(run: Run, names: Iterable[str]) -> None:
+    """Raises NotInLog if a module is none of the journal's."""
+    for name in names:
+        if name not in run.modules:
+            raise NotInLog(f"no module '{printable(name)}' {_in_journal(run)}{_nearest(name, run.modules)}")
+
+
+def part_of(
+    at: RunAt,
+    *,
+    roots: Iterable[TaskId] | None = None,
+    modules: Iterable[str] = (),
+    start: float | None = None,
+    end: float | None = None,
+) -> Excerpt:
+    """The tasks under *roots* (None: all), of *modules* (none: all), that lived between *start* and *end*.
+
+    What hangs above a task that was asked for is there too, up to the roots. A task is of the modules that handled it
+    or in whose queue it waited. Times are those of the entries' clock.
+    """
+    run = at.run
+    under = None if roots is None else subtree(run, roots)
+    wanted = set(modules)
+    begin, until = _time_at(run, start, -inf), _time_at(run, end, inf)
+    chosen = {
+        number
+        for number in at.tasks
+        if (under is None or number in under)
+        and (not wanted or _is_of(run.tasks[number], wanted))
+        and run.tasks[number].received <= until
+        and run.tasks[number].time_of(Moment.END_ACHIEVING) >= begin
+    }
+    for number in sorted(chosen, reverse=True):  # parents have smaller ids than their children
+        parent = run.tasks[number].parent
+        while parent != ROOT and parent not in chosen and (under is None or parent in under):
+            chosen.add(parent)
+            parent = run.tasks[parent].parent
+    return Excerpt(at, chosen)
+
+
+def subtree(run: Run, roots: Iterable[TaskId]) -> set[int]:
+    """The tasks at and under *roots*."""
+    found = dict.fromkeys(map(int, roots))
+    below = list(found)
+    for number in below:  # grows while it is walked
+        for child in run.tasks[number].children:
+            if child not in found:
+                found[child] = None
+                below.append(child)
+    return set(found)
+
+
+def messages_of(run: Run, tasks: Iterable[int]) -> set[int]:
+    """These tasks, and the messages that were sent by their handlers, or by the handlers of such messages."""
+    found = set(tasks)
+    for number, message in run.messages.items():  # a sender is older than its messages
+        if not isinstance(message, Task) and run.message_of.get(message.origin, message.origin) in found:
+            found.add(number)
+    return found
+
+
+def waited_for(run: Run, task: TaskId, of: set[int]) -> set[int]:
+    """The messages that those *of* a task's subtree waited for: for their resources, or by a constraint."""
+    found: set[int] = set()
+    for number in of:
+        message = run.messages[number]
+        for wait in (wait for handling in message.handlings for wait in handling.waits):
+            found.add(wait.awaited)
+            if claim := run.claims.get(wait.awaited):
+                found |= _had(run, claim.module, claim.resource, wait)
+        for queueing in message.queueings:
+            found |= _had(run, queueing.module, queueing.resource, queueing)
+        if isinstance(message, Task):
+            found.update(hold.constraint.before.task for hold in message.holds)
+    above = set(lineage(run, task))
+    found |= subtree(run, (TaskId(number) for number in found if number in run.tasks and number not in above))
+    return {number for number in found if number not in of and number in run.messages}
+
+
+def lineage(run: Run, task: TaskId) -> list[TaskId]:
+    """A task and what it hangs under, up to the root's child."""
+    found = [task]
+    while (parent := run.tasks[found[-1]].parent) != ROOT:
+        found.append(parent)
+    return found
+
+
+def _had(run: Run, module: str, resource: str, wait: Queueing | HandlerWait) -> set[int]:
+    """The messages that had a resource during a wait, in order: those handled there, and those it was locked for."""
+    grants, runs = run.granted(module, resource), run.runs.get((module, resource), [])
+    granted = islice(grants, bisect_left(grants, wait.until, key=_GRANTED))
+    begun = islice(runs, bisect_left(runs, wait.until, key=_START))
+    return {one.message_id for one in begun if one.until > wait.start} | {
+        run.message_of.get(one.origin, one.origin) for one in granted if one.until > wait.start
+    }
+
+
+def _is_of(message: Message, modules: set[str]) -> bool:
+    handled = any(handling.module in modules for handling in message.handlings)
+    return handled or any(queueing.module in modules for queueing in message.queueings)
+
+
+def _time_at(run: Run, clock: float | None, default: float) -> float:
+    """The time of the last entry by *clock*."""
+    if clock is None:
+        return default
+    place = run.place(clock)
+    return max(run.times[place - 1], clock) if place else clock
+
+
+def _in_journal(run: Run) -> str:
+    return "in this journal" + ("" if run.until_time is None else f" until {run.until_time:g} s")
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    nearest = get_close_matches(name, list(known), n=1)
+    return f": did you mean '{printable(nearest[0])}'?" if nearest else ""

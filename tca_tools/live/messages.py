@@ -1,0 +1,259 @@
+"""Messages and variables from the command line: ``tca send``, ``query``, ``get`` and ``set``.
+
+What is typed is checked against the format that central knows before anything is sent.
+"""
+
+import json
+import re
+import sys
+from typing import Any
+
+import click
+
+from tca_module.client import Client
+from tca_module.errors import TaskFailed, TaskKilled, Timeout, VariableNotSet
+from tca_module.sending.replies import QUERY_TIMEOUT
+from tca_module.sending.task_ref import SentTask
+from tca_tools.live.shared import SECONDS, as_json, as_text, central_option, json_option, talking
+from tca_wire.errors import BadData
+from tca_wire.messages.controls import ExceptionHandler
+from tca_wire.messages.declarations import Broadcast, Command, Goal, Inform, Message, MultiQuery, Query, Variable
+from tca_wire.text.plain_data import Bare
+from tca_wire.text.printable import printable
+
+_FIELD = re.compile(r"([^\s=\"'{}\[\],]+)=(.*)", re.DOTALL)
+HOW = """DATA are fields, 'key=value', with dots for the fields of a part ('pose.x=1.5'); or one value as a whole; or
+'-' for JSON from the standard input. A value is JSON where that fits, else text. After '--' it may begin with a minus.
+"""
+
+data_argument = click.argument("data", nargs=-1)
+timeout_option = click.option("--timeout", metavar="SECONDS", type=SECONDS, help="Wait no longer than this.")
+
+
+@click.command(epilog=HOW)
+@click.argument("name")
+@data_argument
+@click.option("--wait", is_flag=True, help="Wait until the goal or command has ended; exit code 1 unless it is done.")
+@timeout_option
+@central_option
+@json_option
+def send(
+    name: str, data: tuple[str, ...], timeout: float | None, central: str | None, *, wait: bool, in_json: bool
+) -> None:
+    """Send a message of any class.
+
+    It prints the task of a goal or command, or the reply to a query.
+    """
+    with talking("send", central) as client:
+        message: Any = client.declared(name)
+        if isinstance(message, Query | MultiQuery):
+            _ask(client, message, data, timeout, 0, in_json=in_json)
+            return
+        if isinstance(message, Variable | ExceptionHandler):
+            how = "set it with 'tca set'" if isinstance(message, Variable) else "raise its failure with 'tca raise'"
+            raise click.UsageError(f"{message.title} is not sent: {how}")
+        if (wait or timeout is not None) and not isinstance(message, Goal | Command):
+            raise click.UsageError(f"{message.title} has no end to wait for: leave --wait and --timeout out")
+        value = read_data(message, data)
+        message.encode_data(value)
+        _say_if_unhandled(client, message)
+        if isinstance(message, Inform):
+            client.inform(message, value, wait=0)
+        elif isinstance(message, Broadcast):
+            client.broadcast(message, value, wait=0)
+        else:
+            made: SentTask[Any] = client.execute(message, value)
+            _follow(made, timeout, wait=wait or timeout is not None, in_json=in_json)
+
+
+@click.command(epilog=HOW)
+@click.argument("name")
+@data_argument
+@timeout_option
+@click.option("--maximum", metavar="N", type=click.IntRange(min=1), help="Stop after so many replies to a multi-query.")
+@central_option
+@json_option
+def query(
+    name: str, data: tuple[str, ...], timeout: float | None, maximum: int | None, central: str | None, *, in_json: bool
+) -> None:
+    """Ask a query and print the reply.
+
+    It prints each reply to a multi-query as it comes.
+    """
+    with talking("query", central) as client:
+        message = client.declared(name)
+        if not isinstance(message, Query | MultiQuery):
+            how = "'tca get' reads it" if isinstance(message, Variable) else "send it with 'tca send'"
+            raise click.UsageError(f"{message.title} is no query: {how}")
+        if maximum is not None and isinstance(message, Query):
+            raise click.UsageError(f"{message.title} has one reply: leave --maximum out")
+        _ask(client, message, data, timeout, maximum, in_json=in_json)
+
+
+@click.command("get")
+@click.argument("variable")
+@central_option
+@json_option
+def get_variable(variable: str, central: str | None, *, in_json: bool) -> None:
+    """Print the value of a shared variable.
+
+    The exit code is 1 if it was never set.
+    """
+    with talking("get", central) as client:
+        try:
+            value = client.get_variable(_variable(client, variable))
+        except VariableNotSet:
+            msg = f"variable '{variable}' was never set: set it with 'tca set', or start the module that sets it"
+            raise click.ClickException(msg) from None
+        click.echo(as_json(value) if in_json else as_text(value))
+
+
+@click.command("set", epilog=HOW)
+@click.argument("variable")
+@data_argument
+@central_option
+def set_variable(variable: str, data: tuple[str, ...], central: str | None) -> None:
+    """Give a shared variable a new value."""
+    with talking("set", central) as client:
+        known = _variable(client, variable)
+        client.set_variable(known, read_data(known, data))
+
+
+def _variable(client: Client, name: str) -> Variable[Any]:
+    message = client.declared(name)
+    if not isinstance(message, Variable):
+        raise click.UsageError(f"{message.title} is no variable: 'tca variables' lists them")
+    return message
+
+
+# --- typed data ------------------------------------------------------------------------------------------------------
+
+
+def read_data(message: Message[Any, Any], words: tuple[str, ...]) -> Any:
+    """The data that the words of a command line mean. Raises UsageError, or BadData when they are encoded."""
+    takes_fields = getattr(message.data, "takes_fields", True)
+    if message.data.kind is type(None) and words:
+        raise click.UsageError(f"{message.title} takes no data, and '{printable(words[0])}' was given")
+    if words == ("-",):
+        return _from_standard_input()
+    if not words:
+        return _without_words(message, takes_fields=takes_fields)
+    pairs = [_FIELD.fullmatch(word) for word in words]
+    if takes_fields and all(pairs):
+        return _nested([(pair[1], pair[2]) for pair in pairs if pair])
+    if len(words) == 1:
+        return Bare(words[0])
+    if not takes_fields:
+        raise click.UsageError(f"{message.title} takes one value ({message.data}), and {len(words)} were given")
+    wrong = next(word for word, pair in zip(words, pairs, strict=True) if pair is None)
+    raise click.UsageError(f"'{printable(wrong)}' is no field of {message.title}: write key=value")
+
+
+def _without_words(message: Message[Any, Any], *, takes_fields: bool) -> Any:
+    try:
+        message.data.encode(None)
+    except BadData:
+        if not takes_fields:
+            raise click.UsageError(f"{message.title} wants data ({message.data}), and none were given") from None
+        return {}
+    return None
+
+
+def _from_standard_input() -> Any:
+    try:
+        return json.loads(sys.stdin.read())
+    except (ValueError, RecursionError) as error:
+        raise click.UsageError(f"the standard input holds no JSON: {error}") from None
+
+
+def _nested(pairs: list[tuple[str, str]]) -> dict[str, Any]:
+    """Fields by name; "pose.x" is field x of the part pose."""
+    fields: dict[str, Any] = {}
+    for name, text in pairs:
+        *path, last = name.split(".")
+        part = fields
+        for step in path:
+            part = part.setdefault(step, {})
+            if not isinstance(part, dict):
+                raise click.UsageError(f"field '{name}' is given, and so is '{step}' as a whole: give one of them")
+        if last in part:
+            raise click.UsageError(f"field '{name}' is given twice: give it once")
+        part[last] = Bare(text)
+    return fields
+
+
+# --- results ----------------------------------------------------------------------------------------------------------
+
+
+def _say_if_unhandled(client: Client, message: Message[Any, Any]) -> None:
+    """Warn if nobody handles the message to be sent now."""
+    if not any(handler.capacity for handler in client.handlers(message)):
+        fate = "it reaches nobody" if isinstance(message, Broadcast | MultiQuery) else "it waits until a module does"
+        click.echo(f"nobody handles {printable(message.title)} now: {fate}", err=True)
+
+
+def _follow(ref: SentTask[Any], timeout: float | None, *, wait: bool, in_json: bool) -> None:
+    """Print a task's number, and what becomes of it."""
+    if not in_json:
+        click.echo(printable(str(ref)))
+    elif not wait:
+        click.echo(as_json({"task": ref.id}))
+    if not wait:
+        return
+    goes_on = f"goes on: 'tca kill {ref.id}' ends it"
+    try:
+        ref.wait(timeout)
+    except Timeout:
+        if in_json:
+            click.echo(as_json({"task": ref.id, "outcome": None}))
+        raise click.ClickException(f"{ref} has not ended within {timeout:g} s, and {goes_on}") from None
+    except KeyboardInterrupt:
+        click.echo(f"{printable(str(ref))} {goes_on}", err=True)
+        raise
+    _print_end(ref, in_json=in_json)
+
+
+def _print_end(ref: SentTask[Any], *, in_json: bool) -> None:
+    told: dict[str, Any] = {"task": ref.id, "outcome": str(ref.wait(0))}
+    problem: TaskFailed | TaskKilled | None = None
+    try:
+        told["result"] = ref.result()
+    except TaskFailed as error:
+        told.update(failure=error.failure, text=error.text, data=error.data)
+        problem = error
+    except TaskKilled as error:
+        told["text"] = error.why
+        problem = error
+    if in_json:
+        click.echo(as_json(told))
+        click.get_current_context().exit(1 if problem else 0)
+    if problem:
+        raise problem
+    click.echo(f"done: {as_text(told['result'])}" if told["result"] is not None else "done")
+
+
+def _ask(
+    client: Client, message: Any, data: tuple[str, ...], timeout: float | None, maximum: int | None, *, in_json: bool
+) -> None:
+    value = read_data(message, data)
+    message.encode_data(value)
+    _say_if_unhandled(client, message)
+    within = QUERY_TIMEOUT if timeout is None else timeout
+    show = as_json if in_json else as_text
+    if isinstance(message, Query):
+        try:
+            reply = client.query(message, value, timeout=within)
+        except Timeout as error:
+            advice = "; to wait longer give --timeout" if error.can_wait else ""
+            raise click.ClickException(error.what + advice) from None
+        click.echo(show(reply))
+        return
+    replies = []
+    for reply in client.multi_query_send(message, value, maximum=maximum, timeout=within):
+        replies.append(reply)
+        if not in_json:
+            click.echo(show(reply))
+    if in_json:
+        click.echo(show(replies))
+    if not replies:
+        raise click.ClickException(f"nobody replied to {message.title}: see 'tca messages'")

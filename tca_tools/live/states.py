@@ -1,0 +1,128 @@
+"""What people ask of a running task, and hear of its state: ``tca update``, ``cancel`` and ``watch``."""
+
+from collections.abc import Iterable, Iterator
+from datetime import datetime
+from typing import Any
+
+import click
+
+from tca_module.client import Client
+from tca_module.sending.task_ref import Change, TaskRef
+from tca_tools.live import steering
+from tca_tools.live.messages import HOW, data_argument, read_data, timeout_option
+from tca_tools.live.shared import as_text, central_option, json_option, plain, talking
+from tca_tools.live.steering import find_task
+from tca_tools.live.tasks import task_argument
+from tca_wire.life_cycles import Effect
+from tca_wire.messages.declarations import TaskMessage
+from tca_wire.messages.formats import MISSION_TASK, decode_untyped
+from tca_wire.text.bodies import json_text
+from tca_wire.text.facts_in_words import state_change
+from tca_wire.text.measures import counted
+from tca_wire.text.printable import printable
+
+
+@click.command()
+@task_argument
+@click.option("--why", metavar="TEXT", default="", help="The reason, for its handler and those who watch.")
+@central_option
+def cancel(task: str, why: str, central: str | None) -> None:
+    """Ask for the end of a task.
+
+    TASK is a task's number, or its message's name if only one such task lives. Its handler decides: it may first leave
+    things as they should be, or go on. If it knows of no cancels, the task is killed.
+    """
+    with talking("cancel", central) as client:
+        click.echo(steering.cancel(client, find_task(client, task), why))
+
+
+@click.command(epilog=HOW)
+@task_argument
+@data_argument
+@timeout_option
+@click.option("--no-wait", is_flag=True, help="Do not wait for the word of its handler.")
+@central_option
+def update(task: str, data: tuple[str, ...], timeout: float | None, central: str | None, *, no_wait: bool) -> None:
+    """Give a running task a new goal.
+
+    TASK is a task's number, or its message's name if only one such task lives. The command waits until its handler has
+    taken the goal over; the exit code is 1 if it rejects it. If it knows of no updates, the task begins anew. A task of
+    a mission keeps the parameters that are not given.
+    """
+    if no_wait and timeout is not None:
+        raise click.UsageError("--no-wait and --timeout are given: leave one of them out")
+    with talking("update", central) as client:
+        found = find_task(client, task)
+        message = client.declared(found.message)
+        if not isinstance(message, TaskMessage):
+            raise click.UsageError(f"{message.title} takes no new goal: only goals and commands do")
+        goal = _with_present(found, message, read_data(message, data))
+        message.encode_data(goal)
+        name = next((one.name for one in message.life_cycle.transitions if one.effect is Effect.NEW_GOAL), "")
+        if not no_wait or not name:
+            found.update(goal, timeout=timeout, message=message)
+        elif not found.take(name, goal, message=message):
+            raise steering.too_late(found, "given a new goal")
+        click.echo(printable(f"{found}: " + ("the new goal is asked for" if no_wait else "has the new goal")))
+
+
+def _with_present(task: TaskRef, message: TaskMessage[Any, Any], goal: Any) -> Any:
+    """The new goal; that of a mission's task with the parameters that it was given before."""
+    info = task.info()
+    if MISSION_TASK not in message.data.schema or info is None or not isinstance(goal, dict):
+        return goal
+    return {**(decode_untyped(info.data) or {}), **goal}
+
+
+@click.command()
+@click.argument("what", metavar="[MESSAGE|TASK]", required=False)
+@click.option("--state", "states", metavar="STATE", multiple=True, help="Only changes to this state; may be repeated.")
+@click.option("--under", metavar="TASK", help="Only of what is under this task.")
+@central_option
+@json_option
+def watch(
+    what: str | None, states: tuple[str, ...], under: str | None, central: str | None, *, in_json: bool
+) -> None:  # fmt: skip
+    """Print each change of a task's state as it comes.
+
+    MESSAGE or TASK, a number, says of which tasks; without it, of all. First it prints how those stand that live. It
+    ends with Ctrl-C, or with the task. With --json there is an object a line.
+    """
+    with talking("watch", central) as client:
+        try:
+            for change in _changes(client, what, states, under):
+                click.echo(json_text(plain(_row(change))) if in_json else _line(change))
+        except KeyboardInterrupt:
+            return
+
+
+def _changes(client: Client, what: str | None, states: tuple[str, ...], under: str | None) -> Iterable[Change]:
+    if what is not None and what.isdecimal() and what.isascii():
+        if under is not None:
+            raise click.UsageError(f"task {what} is one task: leave --under out")
+        return _of_one(find_task(client, what).changes(), states)
+    if what is not None and what not in {one.name for one in client.messages()}:
+        client.declared(what)  # raises an error that names the nearest
+    below = find_task(client, under) if under is not None else None
+    return client.observe(what, states=states, below=below)
+
+
+def _of_one(changes: Iterable[Change], states: tuple[str, ...]) -> Iterator[Change]:
+    yield from (one for one in changes if not states or one.state in states)
+
+
+def _row(change: Change) -> dict[str, Any]:
+    names = ("message", "serial", "state", "transition", "by", "module", "text", "data", "is_late", "is_over", "missed")
+    fields = {name: getattr(change, name) for name in names}
+    return {"time": datetime.now().astimezone().isoformat(), "task": int(change.task.id), **fields}
+
+
+def _line(change: Change) -> str:
+    """``12:05:01.250  grasp {7}  running  result available by arm: {"force": 1}``."""
+    said = state_change(change.transition, "", change.module, change.text) if change.transition else ""
+    if change.is_late:
+        said = "so far" + (f": {change.text}" if change.text else "")
+    data = "" if change.data is None else as_text(change.data)
+    missed = f"({counted(change.missed, 'change')} missed)" if change.missed else ""
+    told = "  ".join(filter(None, (str(change.task), change.state or "ended", missed, said)))
+    return printable(f"{datetime.now().astimezone():%H:%M:%S.%f}"[:-3] + f"  {told}" + (f": {data}" if data else ""))

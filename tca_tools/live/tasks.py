@@ -1,0 +1,212 @@
+"""The command line's hand on a running central: ``tca kill``, ``suspend``, ``resume``, ``retry``, ``raise``,
+``unlock`` and ``detach``.
+"""
+
+from typing import Any, NamedTuple
+
+import click
+
+from tca_module.client import Client
+from tca_tools.live import steering
+from tca_tools.live.questions import attached_in_all, attached_to
+from tca_tools.live.shared import SECONDS, central_option, talking
+from tca_tools.live.steering import find_task, too_late
+from tca_wire.messages.declarations import Failure
+from tca_wire.text.measures import listed, numbered
+from tca_wire.text.plain_data import Bare, PlainFormat
+from tca_wire.text.printable import printable
+from tca_wire.vocabulary import Scope
+
+_ANYTHING: Any = PlainFormat("{}")
+_HIGHEST = (1 << 63) - 1  # number that the protocol can say
+_SHOWN = 10  # tasks that one name may mean
+
+task_argument = click.argument("task", metavar="TASK")
+
+
+@click.command()
+@task_argument
+@click.option("--descendants", is_flag=True, help="End only what is under it, not the task itself.")
+@click.option("--siblings", is_flag=True, help="End only the other children of its parent.")
+@click.option("--in", "delay", metavar="SECONDS", type=SECONDS, default=0.0, help="Do it so many seconds from now.")
+@click.option("--why", metavar="TEXT", default="", help="The reason, for those who wait for it.")
+@central_option
+def kill(task: str, delay: float, why: str, central: str | None, *, descendants: bool, siblings: bool) -> None:
+    """End a task and everything under it.
+
+    TASK is a task's number, or its message's name if only one such task lives. Running handlers are told, not
+    interrupted: the task ends when they have returned.
+    """
+    if descendants and siblings:
+        msg = "--descendants and --siblings are given: kill them one after the other"
+        raise click.UsageError(msg)
+    scope = Scope.DESCENDANTS if descendants else Scope.SIBLINGS if siblings else Scope.TASK
+    with talking("kill", central) as client:
+        click.echo(steering.kill(find_task(client, task), why, delay, scope))
+
+
+@click.command()
+@task_argument
+@central_option
+def suspend(task: str, central: str | None) -> None:
+    """Start nothing more of a task until it is resumed.
+
+    TASK is a task's number, or its message's name if only one such task lives. Nothing under it is started either.
+    Running handlers are told; they may hold or finish.
+    """
+    with talking("suspend", central) as client:
+        click.echo(steering.suspend(find_task(client, task)))
+
+
+@click.command()
+@click.argument("task", required=False)
+@central_option
+def resume(task: str | None, central: str | None) -> None:
+    """Let a suspended task go on, with everything under it.
+
+    TASK is a task's number, or its message's name if only one such task lives. Without TASK: let tasks start again
+    after a restart of central, whoever has not come back yet.
+    """
+    with talking("resume", central) as client:
+        click.echo(steering.resume_all(client) if task is None else steering.resume(find_task(client, task)))
+
+
+@click.command()
+@task_argument
+@central_option
+def retry(task: str, central: str | None) -> None:
+    """Handle a task again, from the beginning.
+
+    TASK is a task's number, or its message's name if only one such task lives. All under it is killed first, except
+    monitors of others. A running handler is told; the task begins anew when it has returned.
+    """
+    with talking("retry", central) as client:
+        click.echo(steering.retry(find_task(client, task)))
+
+
+@click.command("raise")
+@task_argument
+@click.argument("failure")
+@click.argument("text", default="")
+@click.option("--data", metavar="JSON", help="The failure's data.")
+@central_option
+def raise_failure(task: str, failure: str, text: str, data: str | None, central: str | None) -> None:
+    """Raise a failure on a task, as if its handler had.
+
+    TASK is a task's number, or its message's name if only one such task lives. The nearest exception handler is
+    called; without one the top-level task ends. FAILURE is any name; TEXT says for people what happened.
+    """
+    with talking("raise", central) as client:
+        handle = find_task(client, task)
+        if not handle.fail(Failure(failure, _ANYTHING)(Bare(data) if data is not None else None, text)):
+            raise too_late(handle, "failed")
+        click.echo(f"{printable(str(handle))}: failure '{failure}' was raised")
+
+
+@click.command()
+@click.argument("resource")
+@click.option("--module", metavar="NAME", help="The module that has it, if several have one of that name.")
+@central_option
+def unlock(resource: str, module: str | None, central: str | None) -> None:
+    """Take away a lock or reservation of RESOURCE.
+
+    Its holder may still count on it: look at 'tca modules' first.
+    """
+    with talking("unlock", central) as client:
+        was_held = client.unlock(resource, module)
+        click.echo(f"resource '{printable(resource)}': " + ("free again" if was_held else "nobody had it"))
+
+
+@click.command()
+@click.argument("what", required=False)
+@click.option("--stale", is_flag=True, help="All that earlier runs of modules have left behind.")
+@central_option
+def detach(what: str | None, central: str | None, *, stale: bool) -> None:
+    """Take away an exception handler, wiretap or monitor.
+
+    WHAT is its number in 'tca attached', or the name of the exception handler, listener or monitor if only one has it.
+    What it has sent goes on. The module that attached it is not told, and may still count on it.
+
+    With --stale, all goes that a module which has come back had attached in an earlier run, and has not in this one.
+    """
+    if stale == (what is not None):
+        raise click.UsageError("give a number or name, or --stale")
+    with talking("detach", central) as client:
+        if what is None:
+            _detach_stale(client)
+        else:
+            _detach(client, _find_attached(client, what))
+
+
+def _detach_stale(client: Client) -> None:
+    known = client.status("attached")
+    found = [one for one in _all_attached(known) if one.left_by]
+    for one in found:
+        whose = listed([f"'{name}'" for name in one.left_by])
+        _detach(client, one._replace(text=f"{one.text}, which {whose} had attached in an earlier run"))
+    if cut := attached_in_all(known):
+        click.echo(f"of {cut} only the first were looked at: do it again")
+    elif not found:
+        click.echo("nothing is left of earlier runs")
+
+
+def _detach(client: Client, one: "_Attached") -> None:
+    was_there = client.detach(one.number)
+    click.echo(f"{printable(one.text)}: " + ("detached" if was_there else "was gone already"))
+
+
+class _Attached(NamedTuple):
+    number: int
+    name: str
+    text: str
+    left_by: tuple[str, ...] = ()
+    """If it is stale: the modules that attached it in an earlier run."""
+
+
+def _find_attached(client: Client, what: str) -> _Attached:
+    """The attachment of that number or name. Raises ClickException if that means nothing, or many."""
+    known = client.status("attached")
+    there, cut = _all_attached(known), attached_in_all(known)
+    number = int(what) if what.isdecimal() and what.isascii() else None
+    if cut and number is None:
+        msg = f"there are {cut}, and central names only the first: give a number, not a name"
+        raise click.ClickException(msg)
+    found = [one for one in there if (one.name == what if number is None else one.number == number)]
+    if len(found) == 1:
+        return found[0]
+    if cut and number is not None:  # it may be one of those that are not told
+        return _Attached(min(number, _HIGHEST), "", f"number {number}")
+    if found:
+        msg = f"{len(found)} of that name are attached: give the number of one, {_listed(found)}"
+    else:
+        why = f"nothing called '{what}' is attached" if number is None else _not_attached(client, number)
+        msg = f"{why}; " + (f"attached are {_listed(there)}" if there else "nothing at all is attached")
+    raise click.ClickException(printable(msg))
+
+
+def _all_attached(known: dict[str, Any]) -> list[_Attached]:
+    kinds = (("exception_handlers", "handler"), ("wiretaps", "listener"), ("monitors", "monitor"))
+    return [
+        _Attached(
+            one["id"],
+            one[message],
+            f"{kind.rstrip('s').replace('_', ' ')} {numbered(one[message], one['id'])} of {attached_to(one)}",
+            tuple(one["earlier"]) if one["is_stale"] else (),
+        )
+        for kind, message in kinds
+        for one in known[kind]
+    ]
+
+
+def _not_attached(client: Client, number: int) -> str:
+    if number > client.status()["newest id"]:
+        return f"nothing has had the number {number} yet"
+    task = client.task(number) if number else None
+    info = task.info() if task is not None else None
+    if info is not None and not info.outcome:
+        return f"{task} is not attached: 'tca kill {number}' ends it"
+    return f"{number} is not attached, or not any more"
+
+
+def _listed(found: list[_Attached]) -> str:
+    return f"{listed([one.text for one in found], named=_SHOWN)}: see 'tca attached'"

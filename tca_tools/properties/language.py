@@ -1,0 +1,64 @@
+"""Properties as text.
+
+PROPERTY   never P | always P | at most N P | at most N P in all | P before P | eventually P | never stuck
+P          a predicate: see predicates.py
+"""
+
+import re
+
+from tca_tools.properties import algebra
+from tca_tools.properties.algebra import Property
+from tca_tools.properties.field_values import blanked, in_one_line
+from tca_tools.properties.predicates import predicate_from
+from tca_tools.properties.world import BadProperty
+
+_SHAPES = "'never P', 'always P', 'at most N P', 'at most N P in all', 'P before P', 'eventually P' and 'never stuck'"
+_OF_ONE = {"never": algebra.never, "always": algebra.always, "eventually": algebra.eventually}
+
+
+def property_from(text: str) -> Property:
+    """The property that a text states. Raises BadProperty."""
+    words = in_one_line(text)
+    try:
+        found = _property(words)
+    except BadProperty as error:
+        raise BadProperty(f"property '{words}': {error}") from None
+    found.words = words
+    return found
+
+
+def _property(text: str) -> Property:
+    if text == "never stuck":
+        return algebra.never_stuck()
+    first, _, rest = text.partition(" ")
+    if text.startswith("at most"):
+        return _at_most(text.removeprefix("at most").strip())
+    if first in _OF_ONE and rest:
+        return _OF_ONE[first](predicate_from(rest))
+    if " before " in text:
+        return _before(text)
+    raise BadProperty(f"it has no shape that is known: {_SHAPES} are")
+
+
+def _at_most(text: str) -> Property:
+    number, _, rest = text.partition(" ")
+    if not number.isdecimal():
+        raise BadProperty(f"'{number}' is no whole number from 0 on: write 'at most 1 ...'")
+    if rest.endswith(" in all"):
+        return algebra.at_most_in_all(int(number), predicate_from(rest.removesuffix(" in all")))
+    return algebra.at_most(int(number), predicate_from(rest))
+
+
+def _before(text: str) -> Property:
+    """Names may have the word in them, too: the one place counts where both sides make sense."""
+    found, wrong = [], ""
+    for match in re.finditer(" before ", blanked(text)):
+        try:
+            found.append((predicate_from(text[: match.start()]), predicate_from(text[match.end() :])))
+        except BadProperty as error:
+            wrong = wrong or str(error)
+    if not found:
+        raise BadProperty(wrong or "'before' stands in quotes only")
+    if len(found) > 1:
+        raise BadProperty("it can be read in several ways: put the names of messages in quotes")
+    return algebra.before(*found[0])

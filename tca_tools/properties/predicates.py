@@ -1,0 +1,193 @@
+"""Predicates of messages: from the declarations of messages, as in ``begun(MOVE_LEG, 3)``, or from text.
+
+P          STATE of MESSAGE [with FIELD=VALUE, ...] | MESSAGE STATE [with ...] | handled by MODULE [with ...]
+MESSAGE    a message's name, or anything; in quotes where words of the language are in it
+STATE      begun, handled, planned ahead, ...: see STATES
+FIELD, VALUE   of its data: see field_values.py
+"""
+
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
+from typing import Any, Protocol
+
+from msgspec import UNSET
+
+from tca_tools.properties.field_values import split_data, unquoted
+from tca_tools.properties.world import BadProperty, MessageView
+from tca_wire.messages.declarations import Message
+
+ANYTHING = "anything"
+
+
+class NamedPredicate:
+    """A predicate that names what it is about: in words, and a message or module ("": any)."""
+
+    def __init__(self, words: str, *, message: str = "", module: str = "") -> None:
+        self.words = words
+        self.message = message
+        self.module = module
+
+    def __call__(self, world: Any) -> list[Any]:
+        """The messages of which it is true."""
+        raise NotImplementedError
+
+
+class DataTest(Protocol):
+    """A condition on a message's data."""
+
+    def fits(self, message: MessageView) -> bool:
+        """Whether a message has such data."""
+
+
+class OfMessages(NamedPredicate):
+    """The predicate that finds the messages in a state: those of a name, handled by a module, with such data."""
+
+    def __init__(
+        self, words: str, state: "MessageState", *, message: str = "", module: str = "", data: Sequence[DataTest] = (),
+        is_typed: bool = False,
+    ) -> None:  # fmt: skip
+        super().__init__(words + _with(data), message=message, module=module)
+        self.data = data
+        self.is_typed = is_typed  #: it comes from a text: its names are checked
+        self.makes_room = state.makes_room
+        self._is_in_state = state.test
+
+    @property
+    def subject(self) -> str:
+        """The subject, in words."""
+        return (self.message or ANYTHING) + _with(self.data)
+
+    def is_about(self, message: MessageView) -> bool:
+        """Whether it is about a message, in whatever state that is."""
+        return self.message in ("", message.message) and all([one.fits(message) for one in self.data])  # noqa: C419 - each notes what it saw
+
+    def is_in_state(self, message: MessageView) -> bool:
+        """Whether the state is that of a message, whatever it is called."""
+        return self._is_in_state(message) and self.module in ("", message.module)
+
+    def __call__(self, world: Any) -> list[Any]:
+        """The messages under way of which it is true."""
+        return [one for one in world.messages if self.is_in_state(one) and self.is_about(one)]
+
+
+def _with(data: Sequence[DataTest]) -> str:
+    return f" with {', '.join(map(str, data))}" if data else ""
+
+
+class MessageState:
+    """A state of messages. Called with a declaration, and data, it is the predicate of such messages in that state."""
+
+    def __init__(self, words: str, test: Callable[[Any], bool], meaning: str, *, makes_room: bool = False) -> None:
+        self.words, self.test, self.meaning = words, test, meaning
+        self.__doc__ = f"Messages (with that *data*) of which is true: {meaning}."
+        self.makes_room = makes_room
+        """Whether ``at_most`` does not count what has ended with the last event: it makes room for the next."""
+
+    def __call__(self, message: Message[Any, Any], data: Any = UNSET) -> OfMessages:
+        """The messages of that declaration, with that *data* if any are given."""
+        if not isinstance(message, Message):
+            raise BadProperty(f"{self.words.replace(' ', '_')}() takes a message (Goal, Command, ...), and "
+                              f"{message!r:.60} is none: give its declaration")  # fmt: skip
+        name = message.name
+        return OfMessages(f"{name} {self.words}", self, message=name, data=() if data is UNSET else [_Equal(data)])
+
+
+class _Equal:
+    """The data must equal a Python value."""
+
+    def __init__(self, value: Any) -> None:
+        self._value = value
+
+    def __str__(self) -> str:
+        return f"data={self._value!r}"
+
+    def fits(self, message: MessageView) -> bool:
+        """Whether a message has such data."""
+        return bool(message.data == self._value)
+
+
+sent = MessageState("sent", lambda one: one.is_new, "it was sent with the last event, by whomever")
+begun = MessageState("begun", lambda one: one.is_begun, "a handler was given it, now or before", makes_room=True)
+handled = MessageState("handled", lambda one: one.is_handled, "a handler has it")
+queued = MessageState("queued", lambda one: one.is_queued, "it waits for a resource, or for a handler")
+planned = MessageState(
+    "planned", lambda one: one.is_planned, "it was expanded, with all that is under it", makes_room=True
+)
+planned_ahead = MessageState(
+    "planned ahead", lambda one: one.is_planned_ahead, "it was begun, and may not be achieved yet", makes_room=True
+)
+being_achieved = MessageState(
+    "being achieved", lambda one: one.is_being_achieved, "its achieving has started and has not ended"
+)
+achieved = MessageState("achieved", lambda one: one.is_achieved, "it was achieved with the last event")
+resolved = MessageState(
+    "resolved", lambda one: one.is_done_after_failure, "with the last event it was done, after a failure"
+)
+killed = MessageState(
+    "killed", lambda one: one.is_killed, "it was killed, and ended with the last event at the earliest"
+)
+failed = MessageState("failed", lambda one: bool(one.failure), "it has a failure that has not been dealt with")
+recovering = MessageState("recovering", lambda one: one.is_recovering, "an exception handler is at work on its failure")
+suspended = MessageState(
+    "suspended", lambda one: one.is_suspended, "it is suspended, by itself or with what it is under", makes_room=True
+)
+fired = MessageState(
+    "fired", lambda one: one.is_fire or one.has_fired,
+    "with the last event a wiretap or a monitor sent it; or it is a monitor and sent its action",
+)  # fmt: skip
+retried = MessageState("retried", lambda one: one.is_retried, "it was retried with the last event")
+
+STATES = {
+    state.words: state
+    for state in (
+        sent, begun, handled, queued, planned, planned_ahead, being_achieved, achieved, resolved, killed, failed,
+        recovering, suspended, fired, retried,
+    )
+}  # fmt: skip
+"""By name."""
+
+_LONGEST_FIRST = sorted(STATES, key=len, reverse=True)
+
+
+def handled_by(module: str) -> OfMessages:
+    """Messages of any name that handlers of *module* have now. A run of it that joins before the connections of the
+    one before have all ended is called "base#2", as in central, and is another module.
+    """
+    if not isinstance(module, str) or not module.strip() or not module.isprintable():
+        raise BadProperty(f"{module!r:.60} is no name of a module: give printable characters")
+    return OfMessages(f"handled by {module}", handled, module=module)
+
+
+# --- from text -------------------------------------------------------------------------------------------------------
+
+
+def predicate_from(text: str) -> OfMessages:
+    """The predicate that a text states. Raises BadProperty."""
+    text, data = split_data(text)
+    if text.startswith("handled by "):
+        module = _name(text.removeprefix("handled by "))
+        return OfMessages(text, handled, module=module, data=data, is_typed=True)
+    state, name = _state_and_name(text)
+    message = "" if name == ANYTHING else name
+    return OfMessages(f"{name} {state}", STATES[state], message=message, data=data, is_typed=True)
+
+
+def _state_and_name(text: str) -> tuple[str, str]:
+    for state in _LONGEST_FIRST:
+        if text.startswith(f"{state} of "):
+            return state, _name(text.removeprefix(f"{state} of "))
+    for state in _LONGEST_FIRST:
+        if text.endswith(f" {state}"):
+            return state, _name(text.removesuffix(f" {state}"))
+    if text in STATES:
+        raise BadProperty(f"'{text}' names no message: write '{text} of MESSAGE', or '{text} of {ANYTHING}'")
+    said = text.partition(" of ")[0] if " of " in text else text.rsplit(" ", maxsplit=1)[-1]
+    nearest = get_close_matches(said, STATES, n=1)
+    advice = f"did you mean '{nearest[0]}'?" if nearest else f"states are {', '.join(STATES)}"
+    raise BadProperty(f"'{text}' names no state of a message ('STATE of MESSAGE'): {advice}")
+
+
+def _name(text: str) -> str:
+    if name := unquoted(text):
+        return name
+    raise BadProperty("it names no message, or no module")

@@ -1,0 +1,203 @@
+"""robot.toml: the programs of a robot, and how they are kept running. All of it is checked before anything starts."""
+
+import os
+import re
+import shlex
+import shutil
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+from tca_tools.user_toml import BadUserFile, advice, check_keys, read_table, read_toml
+from tca_wire.endpoint import VARIABLE, default_endpoint, new_journal
+
+CENTRAL = "central"
+RUN = "run"
+"""How ``tca run`` names itself among the programs."""
+
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
+_DAY = 86400.0
+
+_NOT_AS_OPTIONS = {
+    "--bind": "write address = ...",
+    "--journal": "write journal = ...",
+    "--fresh": "a central that has crashed would forget its run",
+}
+
+
+class Limits(msgspec.Struct, frozen=True, kw_only=True):
+    """How often a program is started again, and how long it may take to end."""
+
+    restarts: Annotated[int, Meta(ge=0, le=1000, description="a whole number from 0 to 1000")] = 5
+    """More crashes than this *within* so many seconds end the robot."""
+    within: Annotated[float, Meta(gt=0, le=_DAY, description="a number of seconds above 0")] = 60.0
+    delay: Annotated[float, Meta(ge=0, le=_DAY, description="a number of seconds")] = 0.5
+    """Before the first restart; each further one waits twice as long, up to the longest."""
+    longest_delay: Annotated[float, Meta(ge=0, le=_DAY, description="a number of seconds")] = 10.0
+    grace: Annotated[float, Meta(ge=0, le=_DAY, description="a number of seconds")] = 5.0
+    """To end by itself after SIGINT."""
+
+
+class _CentralTable(Limits, frozen=True, kw_only=True):
+    start: Annotated[bool, Meta(description="true, or false if central runs already")] = True
+    address: Annotated[str, Meta(description='an address in quotes, such as "ipc:///run/robot/central.sock"')] = ""
+    journal: Annotated[str, Meta(description="a folder in quotes")] = ""
+    options: Annotated[
+        list[str], Meta(description="a list of options of 'tca central', such as [\"--sync\", \"always\"]")
+    ] = []  # fmt: skip
+
+
+class _ModuleTable(Limits, frozen=True, kw_only=True):
+    command: Annotated[
+        str | list[str], Meta(description='what starts the program, such as "python legs.py", or a list of its words')
+    ]  # fmt: skip
+    cwd: Annotated[str, Meta(description="a folder in quotes")] = ""
+    env: Annotated[dict[str, str], Meta(description='a table of texts, such as { SIDE = "left" }')] = {}
+    restart: Annotated[
+        Literal["on-failure", "always", "never"], Meta(description='"on-failure", "always" or "never"')
+    ] = "on-failure"  # fmt: skip
+    hung: Annotated[Literal["leave", "restart"], Meta(description='"leave" or "restart"')] = "leave"
+    copies: Annotated[int, Meta(ge=1, le=99, description="a whole number from 1 to 99")] = 1
+
+
+class Launch(msgspec.Struct, frozen=True, kw_only=True):
+    """A program that is to run."""
+
+    name: str
+    command: list[str]
+    cwd: Path
+    env: dict[str, str]
+    limits: Limits
+    restart: str = "always"
+    journal: Path | None = None
+    """The folder of central's."""
+    restarts_hung: bool = False
+    """Start it again when central has heard nothing of it though its process lives."""
+
+    @property
+    def is_central(self) -> bool:
+        """Whether it is the daemon, which starts first and ends last."""
+        return self.name == CENTRAL
+
+
+class RobotFile(msgspec.Struct, frozen=True):
+    """What a robot's file says."""
+
+    address: str
+    """Where its modules find central."""
+    programs: list[Launch]
+    """Central first, if it is to be started."""
+
+    def only(self, names: list[str]) -> "RobotFile":
+        """The same with these programs alone; a module's name means all of its copies. Raises BadUserFile."""
+        known = {program.name.partition(".")[0] for program in self.programs}
+        for name in names:
+            if name not in known:
+                raise BadUserFile(f"--only {name}: {advice(name, sorted(known))}")
+        return RobotFile(self.address, [one for one in self.programs if one.name.partition(".")[0] in names])
+
+
+def load(path: Path) -> RobotFile:
+    """Read a robot's file. Raises BadUserFile."""
+    tables = read_toml(path)
+    try:
+        return _robot(tables, path.resolve().parent)
+    except BadUserFile as error:
+        raise BadUserFile(f"{path}: {error}") from None
+
+
+def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
+    for name, table in tables.items():
+        if name not in (CENTRAL, RUN, "modules"):
+            is_program = isinstance(table, dict) and "command" in table
+            what_to_do = (
+                f"a program stands under [modules.{name}]" if is_program else advice(name, [CENTRAL, "modules", RUN])
+            )
+            raise BadUserFile(f"'{name}' is unknown: {what_to_do}")
+        if not isinstance(table, dict):
+            raise BadUserFile(f"'{name}' must be a table: write [{name}]")
+    common = tables.get(RUN, {})
+    check_keys(Limits, RUN, common)
+    central = _table(_CentralTable, CENTRAL, common, tables.get(CENTRAL, {}))
+    address = central.address or default_endpoint()
+    if address.endswith(":*"):
+        raise BadUserFile(f"central.address is {address}: name a port, so that modules find it")
+    for option in central.options:
+        if instead := _NOT_AS_OPTIONS.get(option.partition("=")[0]):
+            raise BadUserFile(f"central.options: leave {option} out: {instead}")
+    programs = [_central(central, address, folder)] if central.start else []
+    for name, table in tables.get("modules", {}).items():
+        programs += _copies(name, table, common, address, folder)
+    if not programs:
+        raise BadUserFile("there is nothing to run: add a table [modules.NAME] with a command")
+    return RobotFile(address, programs)
+
+
+def _central(table: _CentralTable, address: str, folder: Path) -> Launch:
+    """A journal of its own for each run of the robot, unless one is named: a restarted central goes on with it."""
+    journal = _path(folder, table.journal) if table.journal else new_journal()
+    command = [sys.executable, "-m", "tca_central", "--bind", address, "--journal", str(journal), *table.options]
+    environment = _environment(address, {})
+    return Launch(name=CENTRAL, command=command, cwd=folder, env=environment, limits=table, journal=journal)
+
+
+def _copies(name: str, given: Any, common: dict[str, Any], address: str, folder: Path) -> list[Launch]:
+    """The programs of a module's table."""
+    place = f"modules.{name}"
+    if not _NAME.fullmatch(name) or name in (CENTRAL, RUN):
+        raise BadUserFile(
+            f"{place}: choose another name, of letters, digits, '-' and '_', but not '{CENTRAL}' or '{RUN}'"
+        )
+    if not isinstance(given, dict):
+        raise BadUserFile(f"{place} must be a table: write [{place}]")
+    table = _table(_ModuleTable, place, common, given)
+    if table.hung == "restart" and table.restart == "never":
+        raise BadUserFile(f'{place}.hung is "restart", and restart is "never": leave one of them out')
+    cwd = _path(folder, table.cwd)
+    if not cwd.is_dir():
+        raise BadUserFile(f"{place}.cwd: there is no folder {cwd}")
+    command, env = _words(place, table.command), _environment(address, table.env)
+    if shutil.which(cwd / command[0] if "/" in command[0] else command[0], path=env["PATH"]) is None:
+        raise BadUserFile(f"{place}.command: there is no program {command[0]} that can be run, seen from {cwd}")
+    return [
+        Launch(
+            name=f"{name}.{number}" if table.copies > 1 else name, command=command, cwd=cwd, env=env, limits=table,
+            restart=table.restart, restarts_hung=table.hung == "restart",
+        )
+        for number in range(1, table.copies + 1)
+    ]  # fmt: skip
+
+
+def _words(place: str, command: str | list[str]) -> list[str]:
+    try:
+        words = shlex.split(command) if isinstance(command, str) else command
+    except ValueError as error:
+        raise BadUserFile(f"{place}.command: {error}".lower()) from None
+    if not words or not words[0]:
+        raise BadUserFile(f"{place}.command is empty: say what starts the program")
+    return words
+
+
+def _path(folder: Path, name: str) -> Path:
+    """A path of the file, seen from its folder."""
+    try:
+        return folder / Path(name).expanduser()
+    except RuntimeError:
+        raise BadUserFile(f"{name}: there is no such home folder: write the whole path") from None
+
+
+def _environment(address: str, added: dict[str, str]) -> dict[str, str]:
+    """What a program gets: our environment, our Python first, lines at once and not in blocks."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
+    return {**os.environ, "PATH": path, "PYTHONUNBUFFERED": "1", VARIABLE: address, **added}
+
+
+_T = TypeVar("_T", bound=Limits)
+
+
+def _table(kind: type[_T], place: str, common: dict[str, Any], given: dict[str, Any]) -> _T:
+    check_keys(kind, place, given)
+    return read_table(kind, place, {**common, **given})

@@ -1,0 +1,279 @@
+"""The calls of the module library in scripts: what they do there is what they do on the robot."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from explore.scenarios import (
+    BATTERY,
+    CHECK,
+    HEIGHTS,
+    HIGHER,
+    IS_LOW,
+    LIFT,
+    NOTE,
+    RECHARGE,
+    REST,
+    SLIPPED,
+    STEP,
+    WALK,
+    WHERE,
+    found,
+    good,
+)
+
+import tca_tools.explore as tca
+from tca_module import Condition, Refused, TaskFailed, TaskKilled, Timeout, this
+from tca_module import Task as ModuleTask
+from tca_tools.explore import achieved, at_most_in_all, before, begun, fired, killed, never, never_stuck, sent
+from tca_wire.messages.controls import DemonMonitor, PointMonitor
+from tca_wire.messages.declarations import Command, Variable
+from tca_wire.vocabulary import Outcome, Scope
+
+ROCKS = DemonMonitor("rocks", set_up=LIFT, action=NOTE)
+GROUND = PointMonitor("ground", condition=IS_LOW, action=RECHARGE)
+PACE: Variable[int] = Variable("pace", int)
+
+
+def robot(walk: Callable[..., object], *properties: Any, **others: Callable[..., object]) -> tca.Scenario:
+    """A user who walks, a planner that does it in some way, and others who do what they are told."""
+    scenario = tca.Scenario("a robot", *properties)
+    scenario.module("planner").handles(WALK)(walk)
+    module = scenario.module("others", capacity=2)
+    results: dict[str, Any] = {WHERE.name: 7, HEIGHTS.name: 7, IS_LOW.name: True}
+
+    def act(task: tca.Task) -> Any:
+        return others[task.message](task) if task.message in others else results.get(task.message)
+
+    for message in (STEP, WHERE, HEIGHTS, NOTE, LIFT, REST, CHECK, IS_LOW, RECHARGE, HIGHER):
+        module.handles(message)(act)
+    scenario.module("user").does(lambda me: [me.goal(WALK).wait()])
+    return scenario
+
+
+def played(walk: Callable[..., object], *properties: Any, **others: Callable[..., object]) -> None:
+    good(robot(walk, *properties, **others), never_stuck(), limit=5000)
+
+
+def test_a_task_is_the_librarys_own() -> None:
+    assert issubclass(tca.Task, ModuleTask)
+    assert {name for name in vars(tca.Script.__mro__[1]) if not name.startswith("_")} == {"choose", "hang", "use_kept"}
+
+
+def test_blocks_put_tasks_in_order() -> None:
+    def walk(task: tca.Task) -> None:
+        with task.parallel():
+            task.command(STEP, 1)
+            task.command(STEP, 2)
+        task.command(STEP, 3)
+
+    played(walk, *(before(achieved(STEP, number), begun(STEP, 3)) for number in (1, 2)))
+    found(robot(walk, before(achieved(STEP, 1), begun(STEP, 2))))
+
+
+def test_results_and_failures_come_back() -> None:
+    def walk(task: tca.Task) -> None:
+        with contextlib.suppress(TaskFailed, TaskKilled):
+            assert task.command(STEP).result() == "well"
+            task.inform(NOTE, "well")
+
+    def step(task: tca.Task) -> str:
+        if task.choose("well", "badly") == "badly":
+            raise SLIPPED(text="ice")
+        return "well"
+
+    played(walk, step=step)
+    for data in ("well",):
+        found(robot(walk, never(sent(NOTE, data)), step=step))
+
+
+def test_questions_whose_answers_are_fetched_later() -> None:
+    def walk(task: tca.Task) -> None:
+        where = task.query_send(WHERE)
+        task.command(STEP, 1)
+        assert where.receive() == 7
+        assert list(task.multi_query_send(HEIGHTS, maximum=1)) == [7]
+        given_up = task.query_send(WHERE)
+        given_up.cancel()
+
+    played(walk)
+
+
+def test_relatives_are_found_by_name() -> None:
+    def walk(task: tca.Task) -> None:
+        task.command(STEP, "left", constraints=[task.handling.end <= this.achieving.start])
+        (step,) = task.ref.children(STEP)
+        assert step.data(STEP) == "left"
+        parent = step.parent()
+        assert parent is not None
+        assert parent.id == task.id
+        assert [above.message for above in step.ancestors()] == [WALK.name]
+        step.kill("not needed")
+        info = step.info()
+        assert info is None
+
+    played(walk, never(begun(STEP)))
+
+
+def test_scopes_of_kills_and_points() -> None:
+    def walk(task: tca.Task) -> None:
+        later = [task.handling.end <= this.achieving.start]
+        second, third = (task.command(STEP, number, constraints=later) for number in (2, 3))
+        second.kill(scope=Scope.SIBLINGS)
+        task.command(STEP, 4, constraints=[second.achieving.end <= this.achieving.start])
+        task.ref.kill(after=second.achieving.end, scope=Scope.DESCENDANTS)
+        assert third.wait_for(third.achieving.end) is Outcome.KILLED
+
+    played(
+        walk, never(begun(STEP, 3)), never(begun(STEP, 4)), never(killed(WALK)), before(killed(STEP, 3), begun(STEP, 2))
+    )
+
+
+def test_monitors_of_every_kind() -> None:
+    def walk(task: tca.Task) -> None:
+        kind = task.choose("rocks", "ground", "battery")
+        if kind == "rocks":
+            rocks = task.monitor(ROCKS, maximum=1)
+            with contextlib.suppress(Refused):  # it has ended
+                rocks.end()
+        elif kind == "ground":
+            task.monitor(GROUND)
+        else:
+            task.monitor(BATTERY, period=1.0, waited_for=True).end()
+
+    def lift(task: tca.Task) -> None:
+        with contextlib.suppress(Refused):
+            task.monitor_ref.fire(NOTE, "a rock")
+
+    played(walk, at_most_in_all(1, fired(NOTE)), lift=lift)
+    assert 'fires rocks {2} with "a rock"' in found(robot(walk, never(sent(NOTE)), lift=lift))
+
+
+def test_a_listener_knows_what_it_hears() -> None:
+    heard = set()
+
+    def walk(task: tca.Task) -> None:
+        held = task.command(STEP, 1, constraints=[task.handling.end <= this.achieving.start])
+        tap = task.tap(Condition.AFTER_ACHIEVED, held, CHECK)
+        task.tap(Condition.AFTER_ACHIEVED, STEP, NOTE)
+        tap.remove()
+        task.command(STEP, 2)
+
+    def note(task: tca.Task) -> None:
+        assert task.tap_event.tapped is not None
+        heard.add((task.tap_event.condition, task.tap_event.message))
+
+    played(walk, never(sent(CHECK)), at_most_in_all(2, fired(NOTE)), note=note)
+    assert heard == {(Condition.AFTER_ACHIEVED, STEP.name)}
+
+
+def test_variables_and_whether_somebody_is_there() -> None:
+    def walk(task: tca.Task) -> None:
+        assert task.get_variable(PACE, 0) == 0
+        task.set_variable(PACE, 3)
+        assert task.swap_variable(PACE, 4) == 3
+        task.wait_until_handled(STEP)
+        assert task.execute_if_handled(Command("dance")) is None
+        ref = task.execute_if_handled(STEP, 1)
+        assert ref is not None
+        assert task.execute(WHERE) == 7
+
+    played(walk)
+
+
+def test_a_suspended_handler_may_hold() -> None:
+    def walk(task: tca.Task) -> None:
+        task.command(STEP)
+
+    def step(task: tca.Task) -> None:
+        if task.suspended and not task.cancelled:
+            task.query(WHERE)
+
+    scenario = robot(walk, step=step)
+    scenario.may_suspend(WALK)
+    good(scenario, never_stuck(), limit=3000)
+    found(scenario, never(sent(WHERE)))
+
+
+# --- what can't be played --------------------------------------------------------------------------------------------
+
+
+def asks_who_is_there(task: tca.Task) -> None:
+    task.modules()
+
+
+def sleeps(task: tca.Task) -> None:
+    task.sleep(1.0)
+
+
+def is_called_back(task: tca.Task) -> None:
+    task.query_notify(WHERE, None, lambda *_: None)
+
+
+def waits_for_many(task: tca.Task) -> None:
+    task.multi_query(HEIGHTS, timeout=1.0)
+
+
+def awaits(task: tca.Task) -> Iterator[Any]:
+    return next(task.command(STEP).__await__())
+
+
+def swallows(task: tca.Task) -> None:
+    with contextlib.suppress(Exception):
+        task.handlers(STEP)
+
+
+async def is_async(_: tca.Task) -> None: ...
+
+
+def sends_the_wrong_data(task: tca.Task) -> None:
+    task.set_variable(PACE, "fast")  # type: ignore[misc]
+
+
+def decides_for_ever(task: tca.Task) -> None:
+    while task.choose(True, False) or True:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("handler", "words"),
+    [
+        (asks_who_is_there, r"line \d+\): modules\(\), handlers\(\) and status\(\) is not explored: leave it out"),
+        (sleeps, r"sleep\(\) and wait_until\(\) is not explored"),
+        (is_called_back, r"query_notify\(\) is not explored"),
+        (waits_for_many, r"multi_query\(timeout=...\) is not explored"),
+        (awaits, "await is not explored"),
+        (swallows, r"handlers\(\) and status\(\) is not explored"),
+        (is_async, "is no plain function"),
+        (sends_the_wrong_data, "variable 'pace' wants data of type int"),
+        (decides_for_ever, "decides 100 times without sending or asking anything"),
+    ],
+)
+def test_what_is_not_explored_is_named(handler: Any, words: str) -> None:
+    with pytest.raises(tca.ScenarioError, match=words):
+        tca.explore(robot(handler))
+
+
+def test_a_monitor_is_handled_by_central() -> None:
+    with pytest.raises(tca.ScenarioError, match="central carries it out, handle its parts"):
+        tca.Scenario("bad").module("eye").handles(BATTERY)
+
+
+def test_a_message_that_is_declared_in_two_ways_is_named() -> None:
+    def walk(task: tca.Task) -> None:
+        task.command(Command(STEP.name, int), 3)
+
+    with pytest.raises(tca.ScenarioError, match="two formats for message 'step'"):
+        tca.explore(robot(walk))
+
+
+def test_time_outs_are_errors_of_the_world() -> None:
+    def walk(task: tca.Task) -> None:
+        try:
+            task.query(WHERE, timeout=2.0)
+        except Timeout:
+            task.inform(NOTE, "late")
+
+    played(walk)
+    found(robot(walk, never(sent(NOTE, "late"))))

@@ -1,0 +1,384 @@
+"""The search itself: what it takes for known, what it checks, in which order, and what it says of it."""
+
+import contextlib
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from explore.scenarios import NOTE, REST, STEP, WALK, WHERE, found, good, walking
+from explore.test_good import polled
+
+import tca_tools.explore as tca
+from tca_central.core import Central
+from tca_central.model.resources import Queue
+from tca_module import TaskFailed, TaskKilled
+from tca_tools.explore import achieved, always, at_most_in_all, before, begun, eventually, never, never_stuck, sent
+from tca_tools.explore.play.play import Play
+from tca_tools.explore.search.snapshot import Snapshots
+from tca_wire.messages.declarations import Command
+
+
+def strangers(*properties: tca.Property, names: tuple[str, str] = ("one", "other")) -> tca.Scenario:
+    """Two who do not know each other, each with a command that takes no time."""
+    scenario = tca.Scenario("strangers", *properties)
+    for name in names:
+        command = Command(name)
+        scenario.module(f"{name}'s").handles(command)(lambda _: None)
+        scenario.module(name).does(lambda me, command=command: [me.command(command)])
+    return scenario
+
+
+def at_once(world: tca.World) -> bool:
+    return len(world.tasks) == 2 and not any(task.is_over for task in world.tasks)
+
+
+def one_by_one(world: tca.World) -> bool:
+    return any(task.is_over for task in world.tasks) and len(world.tasks) == 1
+
+
+def other_first(world: tca.World) -> bool:
+    return any(task.message == "other" and task.is_over for task in world.tasks) and len(world.tasks) == 2
+
+
+@pytest.mark.parametrize("names", [("one", "other"), ("other", "one")])
+@pytest.mark.parametrize("may_be", [at_once, other_first])
+def test_what_a_property_remembers_is_part_of_the_state(names: tuple[str, str], may_be: Any) -> None:
+    """Both are done in the end, whether they were under way at once or not; whichever way is tried first."""
+    found(strangers(eventually(may_be), names=names))
+    found(strangers(eventually(nothing), names=names))
+    good(strangers(eventually(lambda world: at_once(world) or one_by_one(world)), names=names))
+    found(strangers(before(may_be, both_over), names=names))
+
+
+def nothing(_: tca.World) -> bool:
+    return False
+
+
+def both_over(world: tca.World) -> bool:
+    """The last one ends."""
+    return len(world.tasks) == 1 and all(task.is_over for task in world.tasks)
+
+
+def test_what_is_counted_is_part_of_the_state() -> None:
+    """The note is sent once or twice, and that is all that tells the runs from each other."""
+    scenario = tca.Scenario("counting")
+    scenario.module("ear").handles(NOTE)(lambda _: None)
+
+    @scenario.module("mouth").does
+    def tell(me: tca.Script) -> None:
+        if me.choose("once", "twice") == "twice":
+            me.inform(NOTE)
+        me.inform(NOTE)
+
+    good(scenario, at_most_in_all(2, sent(NOTE)))
+    found(scenario, at_most_in_all(1, sent(NOTE)))
+
+
+def test_centrals_own_invariants_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A queue that miscounts does nothing wrong that could be seen from outside."""
+    real = Queue.mark_void
+
+    def left(self: Queue[Any]) -> None:
+        real(self)
+        self.waiting += 1
+
+    good(walking(never_stuck()))
+    monkeypatch.setattr(Queue, "mark_void", left)
+    result = tca.explore(walking(never_stuck()))
+    assert result.violation is not None
+    assert result.violation.broken == "central's own invariants"
+    assert result.violation.why
+    assert tca.report(result).splitlines()[1].startswith("  1. user sends goal walk")
+
+
+def test_the_first_state_is_judged() -> None:
+    result = tca.explore(walking(never(lambda world: not world.messages)))
+    assert result.violation is not None
+    assert result.violation.actions == ()
+
+
+def test_the_last_states_that_were_reached_are_judged_at_the_limit() -> None:
+    states = tca.explore(walking(never_stuck())).states
+    good(walking(never_stuck()), limit=states)
+    result = tca.explore(walking(never_stuck()), limit=states - 1)
+    assert result.is_complete is False
+    assert "not known" in tca.report(result)
+
+
+def test_all_is_counted() -> None:
+    """Two commands: each is sent, then returns; in all orders, that is six ways through a grid of nine."""
+    result = tca.explore(strangers(never_stuck()))
+    assert (result.states, result.steps, result.ends, result.longest) == (9, 12, 1, 4)
+    assert result.vacuous == ()
+
+
+def test_whoever_watches_is_told_how_far_it_is() -> None:
+    told: list[tuple[int, int]] = []
+    result = tca.explore(walking(never_stuck()), watch=lambda states, to_go: told.append((states, to_go)))
+    assert told
+    assert all(0 < states <= result.states and 0 <= to_go < states for states, to_go in told)
+    assert told == sorted(told, key=lambda one: one[0])
+
+
+# --- going on from a snapshot ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [walking(never_stuck(), may_be_lost=1, comes_back=True), polled(never_stuck())],
+    ids=["walking", "polled"],
+)
+def test_a_kept_play_a_snapshot_and_a_run_played_again_are_the_same(
+    scenario: tca.Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = tca.explore(scenario, limit=80)
+    for room in ("KEPT_PLAYS", "KEPT_BYTES"):
+        monkeypatch.setattr(f"tca_tools.explore.search.exploration.{room}", 0)
+        again = tca.explore(scenario, limit=80)
+        assert (kept.states, kept.steps, kept.ends) == (again.states, again.steps, again.ends)
+
+
+def test_room_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A walk whose snapshots all together would not fit."""
+    made: list[int] = []
+    real = Snapshots.save
+
+    def save(self: Snapshots, play: Play) -> bytes:
+        made.append(1)
+        return real(self, play)
+
+    monkeypatch.setattr(Snapshots, "save", save)
+    monkeypatch.setattr("tca_tools.explore.search.exploration.KEPT_PLAYS", 0)
+    monkeypatch.setattr("tca_tools.explore.search.exploration.KEPT_BYTES", 100_000)
+    result = tca.explore(walking(never_stuck()))
+    assert result.ok
+    assert len(made) == result.states
+    made.clear()
+    monkeypatch.setattr("tca_tools.explore.search.exploration.KEPT_BYTES", 10_000)
+    good(walking(never_stuck()))
+    assert 0 < len(made) < result.states
+
+
+def test_a_snapshot_can_be_gone_on_from_more_than_once() -> None:
+    """And what is done to one copy does nothing to another, or to the play."""
+    play, snapshots = Play(walking()), Snapshots()
+    snapshot = snapshots.save(play)
+    one, other = snapshots.load(snapshot), snapshots.load(snapshot)
+    while actions := one.actions():
+        one.perform(actions[0])
+    assert [str(action) for action in other.actions()] == [str(action) for action in play.actions()]
+    assert one.central is not other.central
+    other.perform(other.actions()[0])
+    assert not play.fold.seen
+    assert other.fold.seen
+
+
+# --- the nearest comes first -----------------------------------------------------------------------------------------
+
+
+def test_of_two_ways_to_a_fault_the_shorter_one_is_shown() -> None:
+    scenario = tca.Scenario("two ways", never(sent(STEP)))
+    legs = scenario.module("legs")
+    legs.handles(STEP)(lambda _: None)
+    legs.handles(REST)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task) -> None:
+        task.command(STEP)
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        for _ in range(me.choose(2, 0, 1)):
+            me.goal(REST).wait()
+        me.goal(WALK)
+
+    result = tca.explore(scenario)
+    assert result.violation is not None
+    assert len(result.violation.actions) == 2
+    assert "chooses 0" in tca.report(result)
+
+
+def test_what_ends_is_judged_before_what_goes_on() -> None:
+    """A run that ends in a state shows more, in fewer words, than one that goes on from it."""
+    result = tca.explore(walking(never_stuck(), never(achieved(WALK)), steps=1))
+    assert result.violation is not None
+    assert len(result.violation.actions) == 4
+
+
+# --- what tells states from each other -------------------------------------------------------------------------------
+
+
+def ended_long_ago(me: tca.Script) -> object:
+    """When the step has ended nothing of it is left but its result."""
+    step = me.command(STEP)
+    me.goal(REST).wait()
+    return step.result()
+
+
+def was_not_read_yet(me: tca.Script) -> object:
+    where = me.query_send(WHERE)
+    me.goal(REST).wait()
+    return where.receive()
+
+
+def was_decided(me: tca.Script) -> object:
+    decided = me.choose(1, 2)
+    me.goal(REST).wait()
+    return decided
+
+
+@pytest.mark.parametrize("later", [ended_long_ago, was_not_read_yet, was_decided])
+@pytest.mark.parametrize("result", [1, 2])
+def test_what_is_only_told_later(later: Callable[[tca.Script], object], result: int) -> None:
+    """In between, nothing else tells the runs from each other."""
+    scenario = tca.Scenario("told later")
+    legs = scenario.module("legs")
+    legs.handles(STEP)(lambda task: task.choose(1, 2))
+    legs.handles(WHERE)(lambda task: task.choose(1, 2))
+    legs.handles(REST)(lambda _: None)
+    legs.handles(NOTE)(lambda _: None)
+    scenario.module("user").does(lambda me: me.inform(NOTE, later(me)))
+    found(scenario, never(sent(NOTE, result)))
+
+
+def lost_or_killed(*properties: tca.Property) -> tca.Scenario:
+    """What may still happen is part of the state: a step that may be killed once, on legs that may be lost once."""
+    scenario = tca.Scenario("still to come", *properties)
+    scenario.module("legs", may_be_lost=1, comes_back=True).handles(STEP)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        for _ in range(2):
+            with contextlib.suppress(TaskFailed, TaskKilled):
+                me.command(STEP).wait()
+
+    scenario.may_kill(STEP)
+    return scenario
+
+
+def test_what_may_still_happen() -> None:
+    found(lost_or_killed(never_stuck(), never(killed_and_over)))
+    found(lost_or_killed(never_stuck()), at_most_in_all(1, ended_badly))
+    properties = at_most_in_all(1, killed_and_over), at_most_in_all(2, ended_badly)
+    good(lost_or_killed(never_stuck(), *properties))
+
+
+def killed_and_over(world: tca.World) -> list[tca.Seen]:
+    return [task for task in world.tasks if task.is_over and task.is_killed and not task.failure]
+
+
+def ended_badly(world: tca.World) -> list[tca.Seen]:
+    return [task for task in world.tasks if task.is_over and task.is_killed]
+
+
+@pytest.mark.parametrize("seconds", [1.0, 2.0])
+def test_how_long_something_still_takes(seconds: float) -> None:
+    """Between the first command and the second there is nothing but a time that was chosen."""
+    scenario = tca.Scenario("how long")
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        me.command(STEP, delay=1.0 if me.choose("soon", "late") == "soon" else 2.0)
+
+    found(scenario, never(lambda world: world.passed == seconds))
+    good(scenario, never(lambda world: world.passed not in (0.0, 1.0, 2.0)))
+
+
+# --- what people read: a line, or the shortest counterexample --------------------------------------------------------
+
+
+SHORTEST = """\
+walking: NOT rest achieved before walk achieved
+  1. user sends goal walk
+       received: goal walk {1} from user
+       delivered: walk {1} to planner
+       reached: walk {1}: start handling, start planning
+       reached: walk {1}: start achieving
+  2. planner in walk {1} sends command step 0
+       received: command step {2} from planner under walk {1}
+       reached: step {2}: start planning, end planning
+       delivered: step {2} to legs
+       reached: step {2}: start handling, start achieving
+  3. planner in walk {1} returns
+       returned: walk {1}: done
+       reached: walk {1}: end handling, end planning
+  4. legs in step {2} returns
+       returned: step {2}: done
+       reached: step {2}: end handling, end achieving
+       reached: walk {1}: end achieving
+  => the second came first: walk {1}
+"""
+
+
+def test_the_shortest_counterexample_is_shown() -> None:
+    shown = found(walking(before(achieved(REST), achieved(WALK)), steps=1))
+    assert re.sub(r" \(after \d+ states\)", "", shown) + "\n" == SHORTEST
+
+
+def test_no_run_with_fewer_actions_shows_it() -> None:
+    """The same scenario without the property: nothing in reach of three actions is the end of a walk."""
+    result = tca.explore(walking(never(achieved(WALK)), steps=1))
+    assert result.violation is not None
+    assert len(result.violation.actions) == 4
+
+
+def test_a_good_result_is_a_line() -> None:
+    result = tca.explore(walking(never_stuck()))
+    assert re.fullmatch(r"walking: good, \d+ states, at most 9 actions a run", tca.report(result))
+
+
+def test_a_limit_is_no_answer() -> None:
+    result = tca.explore(walking(never_stuck()), limit=20)
+    assert not result.ok
+    first, second = tca.report(result).splitlines()
+    assert first == "walking: not known, nothing wrong in the first 21 states: make it smaller, or raise the limit"
+    assert second.startswith("  open beside other things: steps of user (")
+
+
+def stuck() -> tca.Result:
+    """A handler waits for a task that only it could handle."""
+    scenario = tca.Scenario("a short circuit", never_stuck())
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task, times: int) -> None:
+        if times:
+            task.goal(WALK, times - 1).wait()
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        me.goal(WALK, 1).wait()
+
+    return tca.explore(scenario)
+
+
+def test_what_is_stuck_is_named() -> None:
+    *_, why, second, who, what, whom = tca.report(stuck()).splitlines()[-6:]
+    assert why == "  => nothing further need happen, and this is left:"
+    assert (
+        second.strip() == "walk {1} has not ended: start handling, start planning, start achieving; handled by planner"
+    )
+    assert who.strip() == "walk {2} has not ended: nothing reached; queued"
+    assert what.strip() == "planner in walk {1} waits for end achieving of walk {2}"
+    assert whom.strip() == "user waits for end achieving of walk {1}"
+
+
+def test_a_fault_of_central_is_a_counterexample(monkeypatch: pytest.MonkeyPatch) -> None:
+    def settle(self: Central, real: object = Central._settle) -> None:
+        real(self)  # type: ignore[operator]
+        assert len(self.tree.tasks) < 3, "too many tasks"
+
+    monkeypatch.setattr(Central, "_settle", settle)
+    result = tca.explore(walking())
+    assert result.violation is not None
+    assert result.violation.broken == "central handles everything"
+    assert "too many tasks" in tca.report(result)
+
+
+def test_properties_say_what_is_wrong() -> None:
+    result = tca.explore(walking(always(lambda world: len(world.tasks) < 2)))
+    assert result.violation is not None
+    assert result.violation.why == "here it is not"
+    assert str(never(begun(STEP, 1))) == "never step begun with data=1"
+    assert str(before(begun(WHERE), begun(STEP))) == "where begun before step begun"

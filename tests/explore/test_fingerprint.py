@@ -1,0 +1,294 @@
+"""States that are taken for the same are the same: whatever can happen next leads to the same states again."""
+
+import contextlib
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from random import Random
+
+import msgspec
+import pytest
+from explore import scenarios
+from explore.scenarios import BATTERY, CHECK, HEIGHTS, HIGHER, IS_LOW, NOTE, RECHARGE, SLIPPED, STEP, WALK, WHERE
+from explore.test_ambler import walk
+from sampling import one_in
+
+from tca_central.control.steering import PendingKill
+from tca_central.core import Central
+from tca_central.events import ConnectionId
+from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, ModuleResource
+from tca_central.model.registry import Registry
+from tca_central.model.resources import Claim
+from tca_central.model.task_tree import Rare, TaskTree, Verdict
+from tca_central.order.holds import PendingDelay
+from tca_central.state import FailureContext
+from tca_central.watching.watches import Watch
+from tca_module import Condition, QueryFailed, Refused, Timeout, this
+from tca_tools.explore import Scenario, Script, Task
+from tca_tools.explore.observed.world import Name, World
+from tca_tools.explore.play.play import Action, ActionKind, Play
+from tca_tools.explore.search.fingerprint import IGNORED, SPECIAL, Detail, recognised
+from tca_tools.explore.search.snapshot import Snapshots
+from tca_wire.messages.declarations import Variable
+from tca_wire.packets.parts import WatchOptions
+from tca_wire.vocabulary import Due, Scope
+
+Path = tuple[Action, ...]
+
+
+def busy() -> Scenario:
+    """Everything that modules do, with pools, priorities, nested queries and decisions."""
+    scenario = Scenario("busy")
+    for name in ("legs", "more legs"):
+        legs = scenario.module(name, may_be_lost=int(name == "legs"), comes_back=True)
+        legs.handles(STEP, pool="all")(lambda _: None)
+        legs.handles(HEIGHTS)(lambda _: 1)
+
+    planner = scenario.module("planner", capacity=2)
+
+    @planner.handles(WALK)
+    def steps(task: Task) -> None:
+        try:
+            task.query(WHERE, priority=1)
+        except QueryFailed:
+            task.multi_query(HEIGHTS, maximum=1)
+        task.command(STEP, priority=task.choose(0, 1))
+        if not task.cancelled:
+            task.inform(NOTE)
+
+    @planner.handles(WHERE)
+    @planner.handles(NOTE)
+    def where(task: Task) -> int | None:
+        if task.message == WHERE.name and task.choose("here", "lost") == "lost":
+            raise SLIPPED(text="ice")
+        return 7 if task.message == WHERE.name else None
+
+    @scenario.module("user").does
+    def orders(me: Script) -> None:
+        me.goal(WALK).kill()
+        me.goal(WALK, sequential=False).wait()
+
+    return scenario
+
+
+def killing() -> Scenario:
+    scenario = scenarios.walking(capacity=2, may_leave=True, slips=True)
+    scenario.may_kill(STEP)
+    return scenario
+
+
+def tries_again(task: Task) -> None:
+    task.trouble.failing.retry()
+
+
+def watched() -> Scenario:
+    """Wiretaps, a monitor, a deadline that a retry follows, kills later and on termination, waits that end in time."""
+    scenario = Scenario("watched")
+    planner, feet = scenario.module("planner"), scenario.module("legs", may_be_lost=1, comes_back=True)
+    scenario.module("expert").handles(HIGHER)(tries_again)
+    scenario.module("safety", capacity=2).handles(CHECK)(lambda _: None)
+    scenario.module("battery").handles(IS_LOW)(lambda task: task.choose(False, True))
+    scenario.module("dock").handles(RECHARGE)(lambda _: None)
+
+    @planner.handles(WALK)
+    def walk(task: Task) -> None:
+        task.ref.on_termination(RECHARGE)
+        task.monitor(BATTERY, period=2.0, maximum=1)
+        first = task.command(STEP, 1, deadline=3.0)
+        first.on_failure(None, HIGHER, maximum=1)
+        second = task.command(STEP, 2, delay=1.0, constraints=[first.handling.end + 0.5 <= this.achieving.start])
+        second.kill(delay=4.0)
+        with contextlib.suppress(Timeout):
+            second.wait(timeout=2.5)
+
+    @feet.handles(STEP)
+    def step(task: Task) -> None:
+        if task.suspended or task.choose("holds", "slips") == "slips":
+            raise SLIPPED(text="ice")
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        me.tap(Condition.BEFORE_HANDLING, STEP, CHECK)
+        me.tap(Condition.WHILE_ACHIEVING, STEP, CHECK)
+        with contextlib.suppress(Refused):
+            me.goal(WALK).suspend()
+
+    scenario.may_suspend(WALK)
+    scenario.may_kill(WALK)
+    return scenario
+
+
+SCENARIOS = {
+    "watched": (watched, 200),
+    "ladder": (scenarios.ladder, 250),
+    "suspended": (scenarios.suspending, 250),
+    "late": (lambda: scenarios.late(handled=True), 150),
+    "polling": (lambda: scenarios.polling(BATTERY, maximum=2, fire_every=2), 60),
+    "busy": (busy, 250),
+    "killing": (killing, 250),
+    "arriving": (lambda: scenarios.walking(arrives_late=True, capacity=2, may_be_lost=1), 200),
+    "ambler": (lambda: walk(2), 150),
+}
+
+
+DETAILS = {"short": Detail(), "with names": Detail(names=True)}
+
+
+def play(scenario: Scenario, path: Path) -> Play:
+    played = Play(scenario)
+    for action in path:
+        played.perform(action)
+    return played
+
+
+def following(
+    path: Path, played: Callable[[], Play], detail: Detail, views: dict[bytes, object]
+) -> Iterator[tuple[Path, Play, bytes]]:
+    """What follows, each with its state; and what properties see of that is what they saw of an equal one."""
+    for action in played().actions():
+        after = played()
+        after.perform(action)
+        key, order = recognised(after, (), detail)
+        after.fold.forget_what_is_over()  # as the next action does first
+        view = seen_in(World(after.fold, {message: place for place, message in enumerate(order)}))
+        assert views.setdefault(key, view) == view, path
+        yield (*path, action), after, key
+
+
+def seen_in(world: World) -> object:
+    """All that a property can see, with names for ids."""
+    names: list[Name] = []
+
+    def name(one: Name) -> int:
+        if one not in names:
+            names.append(one)
+        return names.index(one)
+
+    return (
+        [tuple(name(value) if isinstance(value, Name) else value for value in msgspec.structs.astuple(seen))
+         for seen in world.messages],
+        [[child.message for child in world.children(seen)] for seen in world.messages],
+        [[(at, moment, leader and name(leader.id)) for at, moment, leader in world.held(seen)]
+         for seen in world.messages],
+        world.held_by, world.modules, world.passed,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "kind"), one_in(4, SCENARIOS, DETAILS))
+def test_what_follows_equal_states_is_equal(name: str, kind: str, request: pytest.FixtureRequest) -> None:
+    (make, number), detail = SCENARIOS[name], DETAILS[kind]
+    if not request.node.get_closest_marker("soak"):
+        number //= 2
+    snapshots = Snapshots()
+    views: dict[bytes, object] = {}
+    known: dict[bytes, set[bytes]] = {}
+    paths: list[tuple[Path, bytes, bytes]] = [((), snapshots.save(Play(make())), b"")]
+    merged = 0
+    for path, snapshot, key in paths:
+        following_here = set()
+        for longer, after, reached in following(path, partial(snapshots.load, snapshot), detail, views):
+            following_here.add(reached)
+            if key not in known and len(paths) < number:
+                paths.append((longer, snapshots.save(after), reached))
+        merged += key in known
+        assert known.setdefault(key, following_here) == following_here, path
+    assert merged > number / (10 if detail == Detail() else 20)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_world_is_as_central_is(name: str) -> None:
+    """What properties see of a task, and central's own idea of it, in the states of some runs."""
+    scenario = SCENARIOS[name][0]()
+    for seed in range(8):
+        played, choices = Play(scenario), Random(seed)
+        for _ in range(60):
+            actions = played.actions()
+            if not actions:
+                break
+            played.perform(choices.choice(actions))
+            assert not played.fold.broken
+            living = {task.id: task for task in played.fold.tasks if not task.is_over}
+            assert living.keys() == played.central.tree.tasks.keys()
+            for task in played.central.tree.tasks.values():
+                seen = living[task.id]
+                attempts = (task.rare.attempts if task.rare else 1) + task.retrying
+                assert (seen.reached, seen.is_suspended, seen.is_killed, seen.is_handled, seen.is_queued) == (
+                    task.reached, task.suspended, bool(task.killed), task.is_running, task.queues is not None
+                ), seen  # fmt: skip
+                assert (seen.attempts, seen.role, seen.body) == (attempts, task.role, task.body), seen
+                failure = "" if task.failure is None or task.is_dealt_with else task.failure[0]
+                assert seen.failure == failure, seen
+
+
+def two(one: Callable[[Script], object], *, capacity: int = 1) -> tuple[Scenario, Action, Action]:
+    """Two who do not know each other send a step and a note; and what each of them does first."""
+    scenario = Scenario("two")
+    feet = scenario.module("legs", capacity=capacity)
+    feet.handles(STEP)(lambda _: None)
+    (feet if capacity > 1 else scenario.module("arm")).handles(NOTE)(lambda _: None)
+    scenario.module("one").does(one)
+    scenario.module("other").does(lambda me: [me.inform(NOTE)])
+    step, note = Play(scenario).actions()
+    return scenario, step, note
+
+
+def fingerprint(play: Play, memories: Iterable[int], detail: Detail = DETAILS["short"]) -> bytes:
+    return recognised(play, memories, detail)[0]
+
+
+def test_symmetric_orders_are_one_state() -> None:
+    """Which of two modules that do not know each other sends first does not matter once both have sent."""
+    scenario, first, second = two(lambda me: [me.command(STEP).wait()])
+    ends = {fingerprint(play(scenario, path), ()) for path in ((first, second), (second, first))}
+    assert len(ends) == 1
+
+
+def test_which_slot_has_what_matters_only_where_slots_are_followed() -> None:
+    scenario, step, note = two(lambda me: [me.command(STEP)], capacity=2)
+    ways = [(step, note, Action(ActionKind.STEP, "legs/2")), (note, step, Action(ActionKind.STEP, "legs/1"))]
+    first, second = (play(scenario, way) for way in ways)
+    assert [task.is_handled for task in (*first.fold.tasks, *second.fold.tasks)] == [True, True]
+    assert fingerprint(first, ()) == fingerprint(second, ())
+    assert fingerprint(first, (), Detail(names=True)) != fingerprint(second, (), Detail(names=True))
+
+
+def test_what_is_older_matters_only_where_messages_are_followed() -> None:
+    scenario, step, note = two(lambda me: [me.command(STEP)])
+    first, second = play(scenario, (step, note)), play(scenario, (note, step))
+    assert fingerprint(first, ()) == fingerprint(second, ())
+    assert fingerprint(first, (), Detail(names=True)) != fingerprint(second, (), Detail(names=True))
+
+
+def test_how_long_the_run_has_lasted_matters_only_where_it_is_looked_at() -> None:
+    scenario = Scenario("two times")
+    scenario.module("user").does(lambda me: [me.get_variable(Variable("pace", int), me.choose(1, 2))])
+    first, second = Play(scenario), Play(scenario)
+    second.now = 1.5
+    assert fingerprint(first, ()) == fingerprint(second, ())
+    assert fingerprint(first, (), Detail(time=True)) != fingerprint(second, (), Detail(time=True))
+
+
+def test_what_properties_remember_keeps_states_apart() -> None:
+    played = Play(scenarios.walking())
+    assert fingerprint(played, (True,)) != fingerprint(played, (False,))
+
+
+def test_the_tables_name_what_there_is() -> None:
+    """An attribute of central that was renamed would silently be taken in again."""
+    central = Central()
+    resource, message = ModuleResource("legs", "legs"), central.tree.root.message
+    module = Module("legs", "legs", "run", "")
+    things = [
+        central, central.tree, central.registry, central.agenda, central.agenda.holds, central.dispatcher, central.tree.root, resource,
+        central.dispatcher.messages_ahead, message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module, 0),
+        Claim(resource, Connection(ConnectionId(b""), "", module, 0), module, admits_owner=False),
+        central.clock, central.clock.after(1, Due.TEST, None), PendingDelay(central.tree.root, 1, None), Rare(),  # type: ignore[arg-type]
+        Watch(central.tree.root, WatchOptions(), []), PendingKill(central.tree.root, Scope.TASK, 0, Verdict("")),
+        FailureContext(*[None] * 5), AttachedHandler(1, "", message, 0, message, "legs"),  # type: ignore[arg-type]
+    ]  # fmt: skip
+    assert isinstance(message, MessageType)
+    assert isinstance(central.registry, Registry)
+    assert isinstance(central.tree, TaskTree)
+    by_class = {kind.__name__: thing for thing in things for kind in type(thing).__mro__}
+    for kind, names in IGNORED.items():
+        assert all(hasattr(by_class[kind], name) for name in names), kind
+    assert all(hasattr(by_class[kind], name) for kind, name in SPECIAL)

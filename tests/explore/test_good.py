@@ -1,0 +1,428 @@
+"""\"Good\" holds for every run, whatever properties look at; and a property that says nothing is named."""
+
+from typing import Any
+
+import pytest
+from explore.scenarios import LIFT, NOTE, REST, STEP, WALK, WHERE, found, good, steps_once, walking
+
+import tca_tools.explore as tca
+from tca_module import Outcome, PollingMonitor, Query, this
+from tca_tools.explore import (
+    achieved,
+    at_most,
+    before,
+    begun,
+    eventually,
+    handled,
+    killed,
+    never,
+    never_stuck,
+    sent,
+    within,
+)
+from tca_tools.explore.observed.fold import Fold
+from tca_tools.explore.play.play import Action, ActionKind, Play
+from tca_tools.explore.search.fingerprint import Detail, recognised
+
+IS_LOW: Query[None, bool] = Query("is low", reply=bool)
+GAUGE = PollingMonitor("gauge", condition=IS_LOW)
+
+
+# --- time ------------------------------------------------------------------------------------------------------------
+
+
+def tea(*properties: tca.Property, order: tuple[str, str] = ("fast", "slow")) -> tca.Scenario:
+    """Heating takes 1 s or 3 s, pouring begins 3 s after that."""
+    scenario = tca.Scenario("tea", *properties)
+    scenario.module("kettle", capacity=2).handles(STEP)(lambda _: None)
+
+    @scenario.module("maid").handles(WALK)
+    def make(task: tca.Task) -> None:
+        heat = task.goal(REST)
+        task.command(STEP, "pour", constraints=[heat.achieving.end + 3.0 <= this.achieving.start])
+
+    @scenario.module("stove").handles(REST)
+    def heat(task: tca.Task) -> None:
+        task.command(STEP, "heat", delay=1.0 if task.choose(*order) == "fast" else 3.0)
+
+    scenario.module("user").does(lambda me: [me.goal(WALK)])
+    return scenario
+
+
+def is_late(world: tca.World) -> list[tca.Seen]:
+    return [task for task in world.tasks if world.now > 5 and task.message == STEP.name and task.data == "pour"]
+
+
+@pytest.mark.parametrize("order", [("fast", "slow"), ("slow", "fast")])
+def test_what_looks_at_the_time_is_judged_at_each_time(order: tuple[str, str]) -> None:
+    """The same state is reached after 4 s and after 6 s, and whichever comes first is not the one that counts."""
+    result = tca.explore(tea(never(is_late), order=order))
+    assert result.violation is not None, tca.report(result)
+    assert "3 s pass" in tca.report(result)
+
+
+def polled(*properties: tca.Property, readers: int = 1) -> tca.Scenario:
+    """A battery is looked at every second, for ever; each look is another step of whoever looks."""
+    scenario = tca.Scenario("polled", *properties)
+    scenario.module("battery", capacity=readers).handles(IS_LOW)(lambda _: False)
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        for _ in range(readers):
+            me.monitor(GAUGE, period=1.0, waited_for=True)
+
+    return scenario
+
+
+def test_a_time_that_comes_after_all_states_were_seen_once_comes_all_the_same() -> None:
+    good(polled(never_stuck()))
+    found(polled(never(lambda world: world.now > 5)))
+
+
+def test_what_looks_at_the_time_of_what_never_ends_is_not_known() -> None:
+    result = tca.explore(polled(never(lambda world: world.now < 0)), limit=50)
+    assert "not known" in tca.report(result)
+
+
+@pytest.mark.parametrize("order", [("fast", "slow"), ("slow", "fast")])
+@pytest.mark.parametrize(("seconds", "ok"), [(6.0, True), (5.9, False), (6, True)])
+def test_something_happens_within_so_many_seconds_of_something_else(
+    order: tuple[str, str], seconds: float, *, ok: bool
+) -> None:
+    result = tca.explore(tea(within(seconds, sent(WALK), begun(STEP, "pour")), order=order))
+    assert result.ok is ok, tca.report(result)
+
+
+def test_within_says_how_much_time_has_passed() -> None:
+    text = found(tea(within(4.5, sent(WALK), begun(STEP, "pour"))))
+    assert "tea: NOT step begun with data='pour' within 4.5 s of walk sent" in text
+    assert "=> here 6 s have passed" in text
+
+
+def test_what_is_late_is_late_when_it_comes_with_the_same_action() -> None:
+    """The pouring starts at 3 s + 3 s, with the passing of time itself."""
+    good(tea(within(3.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
+    found(tea(within(2.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
+
+
+def test_within_is_owed_at_the_end_of_a_run() -> None:
+    result = tca.explore(walking(within(5.0, achieved(WALK), killed(REST))))
+    assert "nothing further need happen, and it never did" in tca.report(result)
+
+
+def test_within_does_not_make_a_scenario_endless() -> None:
+    good(polled(within(1.0, sent(IS_LOW), handled(IS_LOW))))
+    found(polled(within(1.0, sent(IS_LOW), handled(NOTE))))
+    found(polled(within(1.0, lambda world: not world.passed, lambda world: world.passed > 1)))
+
+
+# --- names -----------------------------------------------------------------------------------------------------------
+
+
+def first_id(world: tca.World) -> object:
+    return next(iter(world.messages)).id if len(world.messages) else None
+
+
+@pytest.mark.parametrize(
+    "looks",
+    [
+        lambda world: [seen for seen in world.messages if seen.id > 40],
+        lambda world: [seen for seen in world.messages if seen.parent_id == 0],
+        lambda world: [int(seen.about) for seen in world.messages],
+        lambda world: [f"{seen.id:03}" for seen in world.messages],
+        lambda world: [seen for seen in world.messages if seen.id and not seen.id],
+        lambda world: len(sorted(seen.id for seen in world.messages)) > 9,
+        lambda world: sum(seen.id for seen in world.messages),
+    ],
+)
+def test_an_id_is_only_a_name(looks: Any) -> None:
+    with pytest.raises(
+        tca.ScenarioError, match="an id is another number in each run: it can be compared with other ids"
+    ):
+        tca.explore(walking(never(looks)))
+
+
+def test_the_age_of_messages_can_not_be_told() -> None:
+    with pytest.raises(tca.ScenarioError, match="messages have no order here: choose by what they are"):
+        tca.explore(walking(never(lambda world: world.tasks[0])))
+
+
+def test_names_say_nothing_in_other_ways_either() -> None:
+    """Neither as text, nor by the order of a set."""
+    texts: set[str] = set()
+
+    def looks(world: tca.World) -> bool:
+        texts.update(f"{seen} {seen.id!r}" for seen in world.messages)
+        assert len({seen.id for seen in world.messages}) == len(world.messages)
+        return len({hash(seen.id) for seen in world.messages}) > 1
+
+    good(walking(never(looks)))
+    assert texts == {"walk an id", "rest an id", "step an id"}
+
+
+def test_relatives_are_found() -> None:
+    def is_orphan(world: tca.World) -> list[tca.Seen]:
+        return [task for task in world.tasks if task.message == STEP.name
+                and (parent := world.parent(task)) is not None
+                and (task not in world.children(parent) or parent.message != WALK.name)]  # fmt: skip
+
+    good(walking(never(is_orphan)))
+    found(walking(never(lambda world: any(world.parent(one) for one in world.tasks))))
+
+
+def test_what_holds_a_task_is_seen() -> None:
+    def waits_for_the_first(world: tca.World) -> bool:
+        return any(leader is not None and leader.data == 0 for task in world.tasks if task.data == 1
+                   for _, _, leader in world.held(task))  # fmt: skip
+
+    found(walking(never(waits_for_the_first)))
+
+
+def test_who_is_there_is_seen() -> None:
+    result = tca.explore(walking(never(lambda world: "legs" not in world.modules), may_be_lost=1))
+    assert result.violation is not None
+    good(walking(never(lambda world: world.modules != ("legs", "planner", "user"))))
+
+
+# --- what says nothing -----------------------------------------------------------------------------------------------
+
+
+def test_a_property_that_is_about_nothing_is_named() -> None:
+    scenario = walking(before(achieved(WALK), begun(LIFT)), at_most(1, handled(LIFT)),
+                             within(1.0, sent(LIFT), achieved(LIFT)), before(achieved(WALK), achieved(REST)))  # fmt: skip
+    scenario.module("arm").handles(LIFT)(lambda _: None)
+    result = tca.explore(scenario)
+    assert result.ok
+    assert tca.report(result).splitlines()[1:] == [
+        "  said nothing: 'walk achieved before lift begun': there never is 'lift begun'",
+        "  said nothing: 'at most 1 lift handled': there never is 'lift handled'",
+        "  said nothing: 'lift achieved within 1 s of lift sent': there never is 'lift sent'",
+    ]
+
+
+def test_a_property_that_is_met_at_once_is_about_something() -> None:
+    """Also where what comes second comes only after what must come first."""
+    assert not tca.explore(walking(before(begun(WALK), achieved(REST)), at_most(3, begun(STEP)))).vacuous
+
+
+# --- runs that go on for ever ----------------------------------------------------------------------------------------
+
+
+WATCHED = Detail(names=True)
+
+
+def needed(play: Play) -> set[tuple[str, str]]:
+    """What can happen, and need happen some time."""
+    return {(action.kind, action.name) for action in play.actions() if not action.is_optional}
+
+
+def goes_round(result: tca.Result) -> tuple[Action, ...]:
+    """The way round, which has been gone twice."""
+    assert result.violation is not None, tca.report(result)
+    circle = result.violation.circle
+    assert circle
+    play = Play(result.scenario)
+    for action in result.violation.actions:
+        play.perform(action)
+    start, left_out = recognised(play, (), WATCHED)[0], needed(play)
+    for _ in range(2):
+        for action in circle:
+            assert action in play.actions()
+            play.perform(action)
+            left_out = (left_out & needed(play)) - {(action.kind, action.name)}
+        assert recognised(play, (), WATCHED)[0] == start
+    assert not left_out, f"{left_out} can happen all the time, and never does"
+    return circle
+
+
+def beside_a_clock(walk: Any, *properties: tca.Property, readers: int = 1) -> tca.Scenario:
+    """A battery is looked at every second for ever; and somebody walks."""
+    scenario = polled(*properties, readers=readers)
+    scenario.module("planner").handles(WALK)(walk)
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    scenario.module("walker").does(lambda me: [me.goal(WALK)])
+    return scenario
+
+
+def hangs(task: tca.Task) -> None:
+    task.hang()
+
+
+def is_watched_over(task: tca.Task) -> None:
+    task.monitor(GAUGE, period=1.0, waited_for=True)
+
+
+@pytest.mark.parametrize("never_met", [eventually(achieved(WALK)), never_stuck()])
+def test_what_never_happens_beside_an_endless_activity_is_found(never_met: tca.Property) -> None:
+    result = tca.explore(beside_a_clock(hangs, never_met))
+    assert len(goes_round(result)) == 2, "a second passes, and the question is answered"
+    text = tca.report(result)
+    assert "1 s pass" in text.partition("and then again and again:\n")[2]
+    assert text.endswith("=> this can go on for ever, and it never happens") or (
+        "this can go on for ever, and all the while:\n     planner in walk {" in text and "never goes on" in text
+    )
+
+
+def test_what_happens_some_time_beside_an_endless_activity_is_good() -> None:
+    """That a script which can go on never does, or that time stands still, is no run."""
+    result = good(beside_a_clock(steps_once, eventually(achieved(WALK)), never_stuck()))
+    assert result.longest is None
+
+
+def ping(note: Any, *properties: tca.Property) -> tca.Scenario:
+    """A note that its handler may send again; and one who walks, on the same legs."""
+    scenario = tca.Scenario("ping", *properties)
+    legs = scenario.module("legs")
+    legs.handles(NOTE)(note)
+    legs.handles(STEP)(lambda _: None)
+    scenario.module("pinger").does(lambda me: me.inform(NOTE))
+    scenario.module("walker").does(lambda me: [me.command(STEP)])
+    return scenario
+
+
+def again(task: tca.Task) -> None:
+    task.inform(NOTE)
+
+
+def again_or_not(task: tca.Task) -> None:
+    if task.choose("again", "enough") == "again":
+        task.inform(NOTE)
+
+
+def test_what_is_queued_comes_to_its_turn() -> None:
+    result = good(ping(again, never_stuck(), eventually(achieved(STEP))))
+    assert result.longest is None
+
+
+def starving(priority: int, *properties: tca.Property) -> tca.Scenario:
+    """The legs are asked by two in turn, again and again, and each question may go before a step."""
+    scenario = tca.Scenario("starving", *properties)
+    legs, ear = scenario.module("legs"), scenario.module("ear")
+    legs.handles(STEP)(lambda _: None)
+
+    @legs.handles(WHERE)
+    def where(task: tca.Task) -> int:
+        task.inform(NOTE)
+        return 7
+
+    @ear.handles(NOTE)
+    def note(task: tca.Task) -> None:
+        task.query_send(WHERE, priority=priority)
+
+    scenario.module("pinger").does(lambda me: [me.inform(NOTE), me.inform(NOTE)])
+    scenario.module("walker").does(lambda me: [me.command(STEP)])
+    return scenario
+
+
+def test_no_slot_is_left_standing() -> None:
+    """The battery is looked at in whichever slot the step is not: that the other slot goes on is no excuse."""
+    scenario = tca.Scenario("two slots", never_stuck(), eventually(achieved(STEP)))
+    legs = scenario.module("legs", capacity=2)
+    legs.handles(IS_LOW)(lambda _: False)
+    legs.handles(STEP)(lambda _: None)
+    scenario.module("user").does(lambda me: [me.monitor(GAUGE, period=1.0, waited_for=True)])
+    scenario.module("walker").does(lambda me: [me.command(STEP)])
+    good(scenario)
+
+
+@pytest.mark.soak
+def test_what_never_comes_to_its_turn_is_found() -> None:
+    """Each of the others has its turn all the time, so it is no accident. Where nobody goes first, all have theirs."""
+    result = tca.explore(starving(1, never_stuck()))
+    assert result.violation is not None, tca.report(result)
+    assert "all the while:\n     step {" in tca.report(result)
+    assert "queued" in tca.report(result)
+    assert {action.name for action in result.violation.circle} >= {"legs/1", "ear/1"}
+    good(starving(0, never_stuck(), eventually(achieved(STEP))))
+    found(starving(1, eventually(achieved(STEP))))
+
+
+def test_who_may_decide_the_same_for_ever_does() -> None:
+    """No choice need ever be made."""
+    only_again = ping(again_or_not, eventually(lambda world: not world.messages and world.modules == ()))
+    assert "nothing further need happen" in found(only_again)
+    result = tca.explore(ping(again_or_not, eventually(over)))
+    assert result.violation is not None
+    assert "chooses again" in tca.report(result).partition("again and again:")[2]
+    good(ping(again_or_not, never_stuck()))
+
+
+def over(world: tca.World) -> list[tca.Seen]:
+    """The last note has been handled, and sent no other."""
+    notes = [seen for seen in world.messages if seen.message == NOTE.name]
+    return [seen for seen in notes if seen.is_over and len(notes) == 1]
+
+
+def test_a_fold_needs_no_central() -> None:
+    assert list(tca.World(Fold(), {}).messages) == []
+
+
+@pytest.mark.soak
+def test_beside_two_gauges_both_are_polled() -> None:
+    result = tca.explore(beside_a_clock(hangs, eventually(achieved(WALK)), readers=2))
+    assert {action.name for action in goes_round(result)} == {"", "battery/1", "battery/2"}
+
+
+@pytest.mark.soak
+def test_two_who_play_ball_beside_two_who_do() -> None:
+    """Each pair could go on for ever without the other: that would be no accident, and is not shown."""
+    scenario = tca.Scenario("ball", eventually(achieved(WALK)))
+    for name in ("here", "there"):
+        ball: Any = type(NOTE)(f"ball {name}")
+        scenario.module(name).handles(ball)(lambda task, ball=ball: task.inform(ball))
+        scenario.module(f"{name} begins").does(lambda me, ball=ball: me.inform(ball))
+    scenario.module("planner").handles(WALK)(hangs)
+    scenario.module("walker").does(lambda me: [me.goal(WALK)])
+    assert {action.name for action in goes_round(tca.explore(scenario))} == {"here/1", "there/1"}
+
+
+def test_what_need_not_happen_may_be_left_out_for_ever() -> None:
+    """That a module can be lost all the time does not mean that it is."""
+    scenario = polled(eventually(lambda world: "battery" not in world.modules))
+    scenario.modules["battery"].may_be_lost = 1
+    circle = goes_round(tca.explore(scenario))
+    assert {action.kind for action in circle} == {ActionKind.TIME, ActionKind.STEP}
+
+
+def test_what_cannot_happen_all_the_time_may_be_left_out_for_ever() -> None:
+    """A step that is done each time before its deadline: time need not pass, for in between nothing is due."""
+    scenario = tca.Scenario("in time", eventually(begun(LIFT)))
+
+    @scenario.module("ear").handles(NOTE)
+    def on_note(task: tca.Task) -> None:
+        in_time = task.command(STEP, deadline=1.0).wait() is Outcome.DONE
+        if in_time:
+            task.inform(NOTE)
+        else:
+            task.command(LIFT)
+
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    scenario.module("arm").handles(LIFT)(lambda _: None)
+    scenario.module("pinger").does(lambda me: me.inform(NOTE))
+    assert {action.name for action in goes_round(tca.explore(scenario))} == {"ear/1", "legs/1"}
+
+
+def test_a_goal_that_waits_for_what_is_under_it_waits_for_nobody_else() -> None:
+    """It is what is under it that goes on, or is stuck."""
+    assert good(beside_a_clock(is_watched_over, never_stuck())).longest is None
+
+
+@pytest.mark.soak
+def test_what_is_stuck_under_a_goal_is_named_and_not_the_goal() -> None:
+    scenario = beside_a_clock(steps_once, never_stuck())
+    scenario.modules["legs"].may_be_lost = 1
+    result = tca.explore(scenario)
+    goes_round(result)
+    assert "this can go on for ever, and all the while:\n     step {" in tca.report(result)
+    assert "queued" in tca.report(result)
+
+
+# --- what is counted -------------------------------------------------------------------------------------------------
+
+
+def test_what_has_ended_makes_room_for_what_begins_with_the_same_action() -> None:
+    """As in ``tca check``, with the same words: legs with one slot have begun one step at a time."""
+    one_at_a_time = at_most(1, begun(STEP)), at_most(1, handled(STEP))
+    good(walking(*one_at_a_time, steps=3))
+    found(walking(at_most(0, begun(STEP))))
+    found(walking(at_most(0, achieved(STEP))))

@@ -1,0 +1,380 @@
+"""How modules come, what they take, and what a scenario may say of them."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from explore.scenarios import NOTE, REST, SLIPPED, STEP, WALK, WHERE, found, good, walking
+
+import tca_tools.explore as tca
+from tca_module import Condition, Goal, Module, PollingMonitor, Query, Variable
+from tca_tools.explore import (
+    accepted,
+    achieved,
+    always,
+    at_most,
+    at_most_in_all,
+    before,
+    begun,
+    being_achieved,
+    eventually,
+    fired,
+    handled,
+    handled_by,
+    killed,
+    never,
+    never_stuck,
+    planned_ahead,
+    queued,
+    sent,
+    within,
+)
+from tca_wire.messages.declarations import Command
+
+POSITION: Variable[int] = Variable("position", int)
+ANY: Any = 0.5  # of a wrong type
+TEXT: Any = "5"
+
+
+# --- watching, and pending limits ------------------------------------------------------------------------------------
+
+
+def test_a_watched_variable() -> None:
+    """The newest value waits, those before it give way."""
+    scenario = tca.Scenario("watching", never_stuck(), at_most(1, queued(POSITION)), eventually(handled(POSITION, 3)))
+    scenario.module("display").handles(POSITION)(lambda _task, _position: None)
+
+    @scenario.module("sensor").does
+    def sense(me: tca.Script) -> None:
+        for position in (1, 2, 3):
+            me.set_variable(POSITION, position)
+
+    good(scenario)
+    found(scenario, eventually(handled(POSITION, 2)))
+
+
+@pytest.mark.parametrize("pending", [1, 2])
+def test_a_pending_limit(pending: int) -> None:
+    scenario = tca.Scenario("pending", never_stuck(), at_most(pending, queued(NOTE)), eventually(handled(NOTE, 4)))
+    scenario.module("ear").handles(NOTE, pending=pending)(lambda _task, _number: None)
+
+    @scenario.module("mouth").does
+    def tell(me: tca.Script) -> None:
+        for number in (1, 2, 3, 4):
+            me.inform(NOTE, number)
+
+    good(scenario)
+    found(scenario, at_most(pending - 1, queued(NOTE)))
+    found(scenario, eventually(handled(NOTE, 2)))
+
+
+def test_a_command_that_gives_way_is_killed() -> None:
+    scenario = tca.Scenario("pending commands", never_stuck())
+    scenario.module("legs").handles(STEP, pending=1)(lambda _: None)
+
+    @scenario.module("user").does
+    def hurry(me: tca.Script) -> None:
+        for number in range(3):
+            me.command(STEP, number, sequential=False)
+
+    good(scenario)
+    assert "killed" in found(scenario, never(killed(STEP, 1)))
+
+
+# --- at_start and requires -------------------------------------------------------------------------------------------
+
+
+def tapping(*properties: Any, **options: Any) -> tca.Scenario:
+    """A watcher taps each step before it handles anything."""
+    scenario = tca.Scenario("tapping", *properties)
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    watcher = scenario.module("watcher", **options)
+    watcher.handles(NOTE)(lambda _: None)
+
+    @watcher.at_start
+    def tap(module: tca.Script) -> None:
+        module.tap(Condition.BEFORE_HANDLING, STEP, NOTE)
+
+    scenario.module("user").does(lambda me: [me.command(STEP)])
+    return scenario
+
+
+def test_what_a_module_does_at_its_start_is_done_before_the_run() -> None:
+    good(tapping(before(fired(NOTE), begun(STEP)), never_stuck()))
+
+
+def test_or_when_it_arrives() -> None:
+    """Then the step may come first; but whoever hears of a step has tapped it before."""
+    found(tapping(before(fired(NOTE), begun(STEP)), arrives_late=True))
+    good(tapping(never_stuck(), arrives_late=True, may_be_lost=1, comes_back=True), limit=20_000)
+    assert "watcher taps all step before handling with note" in tca.report(
+        tca.explore(tapping(never(fired(NOTE)), arrives_late=True))
+    )
+
+
+def test_all_that_a_module_does_at_its_start_is_done_in_its_order() -> None:
+    scenario = tca.Scenario("in order", before(sent(NOTE, 1), sent(NOTE, 2)), before(sent(NOTE, 2), begun(WHERE)))
+    scenario.module("ear").handles(NOTE)(lambda _: None)
+    guide = scenario.module("guide", arrives_late=True)
+    guide.handles(WHERE)(lambda _: 7)
+    guide.at_start(lambda module: module.inform(NOTE, 1))
+    guide.at_start(lambda module: module.inform(NOTE, 2))
+    scenario.module("user").does(lambda me: [me.query(WHERE)])
+    result = good(scenario, never_stuck())
+    assert not result.vacuous
+
+
+def test_an_error_at_the_start_is_a_mistake_of_the_scenario() -> None:
+    scenario = tapping()
+
+    @scenario.modules["watcher"].at_start
+    def slip(_: tca.Script) -> None:
+        raise SLIPPED(text="ice")
+
+    with pytest.raises(
+        tca.ScenarioError, match=r"at_start in watcher .*line \d+\): an error here ends the module: slipped"
+    ):
+        tca.explore(scenario)
+
+
+def test_an_error_in_what_a_module_does_later_ends_nothing_but_that() -> None:
+    """Also of one that handles nothing, and has joined with one word."""
+    scenario = walking(never_stuck())
+
+    @scenario.module("slipper").does
+    def slip(_: tca.Script) -> None:
+        raise SLIPPED(text="ice")
+
+    good(scenario)
+
+
+def test_a_module_that_handles_nothing_may_do_something_at_its_start() -> None:
+    scenario = tca.Scenario("only asking", before(sent(NOTE, "first"), sent(NOTE, "later")), never_stuck())
+    scenario.module("ear").handles(NOTE)(lambda _: None)
+    mouth = scenario.module("mouth", arrives_late=True, requires=[STEP])
+    mouth.does(lambda me: me.inform(NOTE, "later"))
+    mouth.at_start(lambda module: module.inform(NOTE, "first"))
+    scenario.module("legs", arrives_late=True).handles(STEP)(lambda _: None)
+    result = good(scenario)
+    assert not result.vacuous
+
+
+def test_a_module_waits_for_what_it_requires() -> None:
+    scenario = tca.Scenario("requiring", before(begun(STEP), begun(REST)), never_stuck())
+    planner = scenario.module("planner", requires=[STEP, WALK])
+    planner.handles(WALK)(lambda _: None)
+    scenario.module("legs", arrives_late=True).handles(STEP)(lambda _: None)
+
+    @planner.does
+    def story(me: tca.Script) -> None:
+        me.command(STEP).wait()
+        me.goal(REST)
+
+    scenario.module("couch").handles(REST)(lambda _: None)
+    result = good(scenario)
+    assert not result.vacuous
+
+
+def test_modules_that_require_each_other_wait_for_ever() -> None:
+    scenario = tca.Scenario("a circle", never_stuck())
+    scenario.module("legs", requires=[REST]).handles(STEP)(lambda _: None)
+    scenario.module("couch", requires=[STEP]).handles(REST)(lambda _: None)
+    text = found(scenario)
+    assert "legs waits until rest are handled" in text
+
+
+# --- what is refused -------------------------------------------------------------------------------------------------
+
+
+def locking(**lock: Any) -> tca.Scenario:
+    scenario = tca.Scenario("locking", never_stuck())
+    scenario.module("arm").handles(STEP)(lambda _: None)
+    scenario.module("other arm").resource("unused")
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task) -> None:
+        with task.lock(**lock):
+            task.command(STEP)
+
+    scenario.module("user").does(lambda me: [me.goal(WALK)])
+    return scenario
+
+
+@pytest.mark.parametrize(
+    ("lock", "words"),
+    [
+        ({"resource": "amr"}, "no module of the scenario has a resource 'amr'"),
+        ({"resource": "arm", "module": "leg"}, "module 'leg' of the scenario has a resource 'arm'"),
+        ({"resource": "unused"}, "no module of the scenario has a resource 'unused'"),
+    ],
+)
+def test_a_lock_of_what_nobody_has_is_a_mistake(lock: dict[str, str], words: str) -> None:
+    lines = Path(__file__).read_text().splitlines()
+    line = next(number for number, text in enumerate(lines, start=1) if "task.lock(**lock)" in text)
+    with pytest.raises(tca.ScenarioError, match=re.escape(f"{__file__}, line {line}): {words}")):
+        tca.explore(locking(**lock))
+
+
+def test_a_lock_that_two_have_must_say_whose() -> None:
+    scenario = locking(resource="gripper")
+    for name in ("arm", "other arm"):
+        module = scenario.modules[name]
+        module.handles(Command(f"grip of {name}"), resource=module.resource("gripper"))(lambda _: None)
+    with pytest.raises(
+        tca.ScenarioError, match="modules arm, other arm have a resource 'gripper': say which with module="
+    ):
+        tca.explore(scenario)
+
+
+def test_a_lock_of_what_is_there_is_good() -> None:
+    good(locking(resource="planner"))
+
+
+def module() -> Any:
+    return tca.Scenario("s").module("m")
+
+
+NONSENSE: list[Callable[[], object]] = [
+    *(lambda option=option: walking(**option)
+      for option in ({"may_be_lost": -1}, {"may_be_lost": True}, {"comes_back": "no"}, {"may_leave": 1},
+                     {"arrives_late": None}, {"capacity": 0}, {"capacity": 2.5}, {"capacity": 65}, {"requires": "step"})),
+    *(lambda option=option: module().handles(NOTE, **option)
+      for option in ({"pending": 0}, {"pool": 1}, {"pool": ""}, {"resource": ""}, {"direct": True})),
+    *(lambda call=call: call(ANY)
+      for call in (tca.Scenario, accepted, never, always, eventually, tca.Scenario("s").module, tca.Scenario("s").may_kill, tca.explore)),
+    lambda: module().resource("r", 0), lambda: module().resource(""), lambda: module().every(1.0),
+    lambda: module().goal(WALK), lambda: tca.Scenario(""), lambda: tca.Scenario("s", ANY),
+    lambda: tca.Scenario("s").may_kill(WALK, -1), lambda: tca.Scenario("s").may_suspend(WALK, ANY),
+    lambda: accepted("kill", by=" "), lambda: tca.explore(walking(), never(accepted("kill", by="legz"))),
+    lambda: at_most(-1, begun(WALK)), lambda: at_most_in_all(ANY, begun(WALK)),
+    *(lambda seconds=seconds: within(seconds, begun(WALK), begun(STEP))
+      for seconds in (-1, float("nan"), TEXT)),
+    lambda: tca.explore(walking(), ANY), lambda: tca.explore(walking(), limit=0),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("make", NONSENSE)
+def test_what_makes_no_sense_is_refused_where_it_is_written(make: Callable[[], object]) -> None:
+    with pytest.raises((tca.ScenarioError, tca.BadProperty)):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: walking(capacity=65), "the capacity of resource 'legs' can't be 65: 1 to 64, a whole number"),
+        (lambda: accepted("kil"), r"accepted\(\) knows no call 'kil'; did you mean 'kill'"),
+        (lambda: module().every(1.0), "every of module 'm' is not explored: what a module sends by itself goes"),
+    ],
+)
+def test_what_is_refused_says_what_would_do(make: Callable[[], object], words: str) -> None:
+    with pytest.raises(tca.ScenarioError, match=words):
+        make()
+
+
+def test_what_a_module_has_and_a_scenarios_has_not_is_known() -> None:
+    """A call of the library's Module that is neither there nor refused by name would be a bare AttributeError."""
+    module = tca.Scenario("s").module("m")
+    for name in (name for name in dir(Module) if not name.startswith("_") and name not in dir(module)):
+        with pytest.raises(tca.ScenarioError, match=f"{name} of module 'm' is not explored"):
+            getattr(module, name)
+
+
+def test_a_script_that_ends_the_program_is_a_mistake() -> None:
+    scenario = walking()
+
+    @scenario.module("quitter").does
+    def quits(_: tca.Script) -> None:
+        raise SystemExit(3)
+
+    with pytest.raises(tca.ScenarioError, match=r"line \d+\): SystemExit"):
+        tca.explore(scenario)
+
+
+@pytest.mark.parametrize("changes", ["choice", "data"])
+def test_a_script_that_counts_its_runs_is_found_out(changes: str) -> None:
+    runs: list[int] = []
+
+    def counts(task: tca.Task) -> None:
+        runs.append(1)
+        if changes == "choice":
+            task.choose(len(runs))
+        else:
+            task.inform(NOTE, len(runs))
+        task.query(WHERE)
+        task.query(WHERE)
+
+    scenario = tca.Scenario("counting")
+    scenario.module("planner").handles(WALK)(counts)
+    others = scenario.module("others")
+    others.handles(WHERE)(lambda _: 7)
+    others.handles(NOTE)(lambda _: None)
+    scenario.module("user").does(lambda me: [me.goal(WALK)])
+    with pytest.raises(tca.ScenarioError, match="does not do the same when it is run again"):
+        tca.explore(scenario)
+
+
+# --- what properties name must be there ------------------------------------------------------------------------------
+
+
+WAKE, STEPS = Goal("wake"), Goal("steps")
+IS_LOW: Query[None, bool] = Query("is low", reply=bool)
+GAUGE = PollingMonitor("gauge", condition=IS_LOW)
+WRONG: Any = ("step", None, 5, STEP)  # wrong types
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        walking(never(begun(STEPS))),
+        walking(never(begun(STEPS, 1))),
+        walking(at_most(3, begun(STEPS))),
+        walking(before(begun(WALK), begun(STEPS))),
+        walking(within(1.0, begun(STEPS), achieved(WALK))),
+        walking(never(handled_by("leg"))),
+        walking(before(begun(WALK), handled_by("leg"))),
+    ],
+)
+def test_a_name_that_the_scenario_has_not_is_a_mistake_and_no_property_that_holds(scenario: tca.Scenario) -> None:
+    name = "module 'leg'; did you mean 'legs'" if "leg" in repr(scenario.properties[0]).split() else "message 'steps': "
+    with pytest.raises(tca.ScenarioError, match=rf"^.*{scenario.properties[0]}.* no {name}"):
+        tca.explore(scenario)
+
+
+def test_so_is_the_name_of_a_task_that_may_be_killed_or_suspended() -> None:
+    for call in ("may_kill", "may_suspend"):
+        scenario = walking(never_stuck())
+        getattr(scenario, call)(WAKE)
+        words = rf"can't be judged: {call}\(\): there is no message 'wake': .* did you mean 'walk'\?$"
+        with pytest.raises(tca.ScenarioError, match=words):
+            tca.explore(scenario)
+
+
+def test_what_never_comes_because_of_its_name_says_so() -> None:
+    result = tca.explore(walking(eventually(begun(STEPS))))
+    assert result.violation is not None
+    assert result.violation.why.endswith("there is no message 'steps': no module handles it, and no script uses it; "
+                                         "did you mean 'step'?")  # fmt: skip
+
+
+def test_what_central_carries_out_and_keeps_has_a_name_too() -> None:
+    scenario = tca.Scenario("polled", at_most(1, fired(GAUGE)), never_stuck())
+    scenario.module("battery").handles(IS_LOW)(lambda _: False)
+    scenario.module("user").does(lambda me: [me.monitor(GAUGE, period=1.0, waited_for=True)])
+    good(scenario)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda: begun(WRONG[0]), r"^begun\(\) takes a message \(Goal, Command, ...\), and 'step' is none"),
+        (lambda: planned_ahead(WRONG[1]), r"^planned_ahead\(\) takes a message"),
+        (lambda: being_achieved(WRONG[2], 1), r"^being_achieved\(\) takes a message"),
+        (lambda: handled_by(WRONG[3]), "is no name of a module"),
+    ],
+)
+def test_what_is_no_message_is_found_where_it_is_written(wrong: Any, words: str) -> None:
+    with pytest.raises(tca.BadProperty, match=words):
+        wrong()

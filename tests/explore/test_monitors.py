@@ -1,0 +1,152 @@
+"""A monitor that watches over a task is never what keeps it from ending, however it came there, unless asked for."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from explore.scenarios import BATTERY, GAUGE, IS_LOW, RECHARGE, STEP, found, good, nothing
+from sampling import one_in
+
+import tca_tools.explore as tca
+from tca_module import Command, Condition, Inform, PollingMonitor, Refused, Task, this
+from tca_tools.explore import achieved, at_most_in_all, before, eventually, never, never_stuck, sent
+from tca_wire.vocabulary import Refusal
+
+BEGINS = Inform("begins")
+MOVE = Command("move")
+
+
+def stepping(step: Callable[[Task], object] = nothing, *, is_low: bool = False) -> tca.Scenario:
+    """A step; whoever is asked finds the battery as it is said."""
+    scenario = tca.Scenario("a step that is watched")
+    scenario.module("legs").handles(STEP)(step)
+    scenario.module("body").handles(IS_LOW)(lambda _: is_low)
+    scenario.module("user").does(lambda me: me.command(STEP).wait())
+    return scenario
+
+
+def watches(monitor: PollingMonitor[None], **options: Any) -> Callable[[Task], None]:
+    """The handler of a step that has itself watched."""
+
+    def step(task: Task) -> None:
+        task.monitor(monitor, **options)
+
+    return step
+
+
+def put_under(task: Task, **options: Any) -> None:
+    """Watch the tapped task, as docs/modules.md advises."""
+    assert task.tap_event.tapped is not None
+    try:
+        task.under(task.tap_event.tapped).monitor(GAUGE, period=1.0, **options)
+    except Refused as refused:
+        if refused.refusal is not Refusal.TOO_LATE:
+            raise
+
+
+CONDITIONS = [Condition.WHEN_SENT, Condition.BEFORE_HANDLING, Condition.WHILE_HANDLING, Condition.WHILE_ACHIEVING]
+BOUNDS: dict[str, dict[str, Any]] = {"endless": {}, "bounded": {"maximum": 1}}
+
+
+@pytest.mark.parametrize(("condition", "bounds"), one_in(2, CONDITIONS, BOUNDS))
+def test_one_that_a_listener_puts_under_a_tapped_task(condition: Condition, bounds: str) -> None:
+    options = BOUNDS[bounds]
+    scenario = stepping()
+    watcher = scenario.module("watcher")
+    watcher.handles(BEGINS)(lambda task: put_under(task, **options))
+    watcher.at_start(lambda me: me.tap(condition, STEP, BEGINS))
+    good(scenario, eventually(achieved(STEP)), never_stuck())
+    found(scenario, never(sent(GAUGE)))
+
+
+@pytest.mark.parametrize("options", [{}, {"maximum": 1}, {"duration": 9.0}], ids=["endless", "bounded", "for a time"])
+def test_one_of_the_task_s_own_handler(options: dict[str, Any]) -> None:
+    scenario = stepping(watches(GAUGE, period=1.0, **options))
+    good(scenario, eventually(achieved(STEP)), never_stuck())
+
+
+@pytest.mark.parametrize("options", [{}, {"maximum": 1}], ids=["endless", "bounded"])
+def test_one_of_a_stranger(options: dict[str, Any]) -> None:
+    scenario = stepping()
+
+    @scenario.module("watcher").does
+    def watch(me: tca.Script) -> None:
+        for step in me.tasks(STEP):
+            try:
+                me.under(step).monitor(GAUGE, period=1.0, **options)
+            except Refused as refused:
+                if refused.refusal is not Refusal.TOO_LATE:
+                    raise
+
+    good(scenario, eventually(achieved(STEP)), never_stuck())
+    found(scenario, never(sent(GAUGE)))
+
+
+@pytest.mark.parametrize("condition", [Condition.WHEN_SENT, Condition.WHILE_HANDLING, Condition.WHILE_ACHIEVING])
+def test_one_that_listens_itself_hangs_under_the_tapped_task(condition: Condition) -> None:
+    scenario = stepping()
+    scenario.module("watcher").at_start(lambda me: me.tap(condition, STEP, GAUGE, period=1.0))
+    good(scenario, eventually(achieved(STEP)), before(achieved(GAUGE), achieved(STEP)), never_stuck())
+    found(scenario, never(sent(GAUGE)))
+
+
+def test_what_it_has_sent_is_waited_for() -> None:
+    scenario = stepping(watches(BATTERY, period=1.0, maximum=1), is_low=True)
+    scenario.module("dock").handles(RECHARGE)(nothing)
+    good(scenario, eventually(achieved(STEP)), never_stuck())
+    found(scenario, never(sent(RECHARGE)))
+
+
+def test_one_that_is_waited_for_keeps_it() -> None:
+    scenario = stepping(watches(BATTERY, period=1.0, maximum=1, waited_for=True), is_low=True)
+    scenario.module("dock").handles(RECHARGE)(nothing)
+    good(
+        scenario,
+        eventually(achieved(STEP)),
+        before(achieved(RECHARGE), achieved(STEP)),
+        at_most_in_all(1, sent(RECHARGE)),
+    )
+    found(stepping(watches(GAUGE, period=1.0, waited_for=True)), eventually(achieved(STEP)))
+
+
+@pytest.mark.parametrize("waited_for", [False, True])
+def test_what_is_to_start_at_its_end_is_refused_unless_that_is_waited_for(waited_for: bool) -> None:
+    def step(task: Task) -> None:
+        battery = task.monitor(BATTERY, period=1.0, maximum=1, waited_for=waited_for)
+        try:
+            assert task.command(MOVE, constraints=[battery.achieving.end <= this.achieving.start]).id
+        except Refused as refused:
+            if refused.refusal is not Refusal.CYCLE:
+                raise
+
+    scenario = stepping(step, is_low=waited_for)
+    scenario.module("dock").handles(RECHARGE)(nothing)
+    scenario.module("wheels").handles(MOVE)(nothing)
+    good(scenario, eventually(achieved(STEP)), never_stuck(), before(achieved(BATTERY), achieved(MOVE)))
+    moves = eventually(achieved(MOVE)) if waited_for else never(sent(MOVE))
+    good(scenario, moves)
+
+
+def suspends(task: Task) -> None:
+    task.monitor(GAUGE, period=1.0, constraints=[task.handling.start + 9.0 <= this.handling.start]).suspend()
+
+
+def test_neither_does_one_that_is_suspended() -> None:
+    scenario = stepping(suspends)
+    good(scenario, eventually(achieved(STEP)), never_stuck())
+
+
+def test_one_that_is_fired_tests_now_each_time() -> None:
+    scenario = tca.Scenario("fired")
+    scenario.module("body").handles(IS_LOW)(lambda _: True)
+    scenario.module("dock", capacity=2).handles(RECHARGE)(nothing)
+
+    @scenario.module("user").does
+    def fires(me: tca.Script) -> None:
+        battery = me.monitor(BATTERY, period=1000.0, initial_wait=True, maximum=2)
+        me.fire(battery)  # False where its periods were over meanwhile, and it has ended
+        me.fire(BATTERY)
+        battery.wait()
+
+    good(scenario, at_most_in_all(2, sent(IS_LOW)), at_most_in_all(2, sent(RECHARGE)), eventually(achieved(BATTERY)))
+    found(scenario, at_most_in_all(1, sent(RECHARGE)))

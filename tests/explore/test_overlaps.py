@@ -1,0 +1,255 @@
+"""Clients and handlers change the state of a task in every order. That an observer misses no change, and knows the state
+and the goal that follow from what central recorded, is checked in every state of each scenario.
+"""
+
+from typing import Any
+
+import pytest
+from explore.scenarios import found, good
+
+from tca_module import Refused
+from tca_tools.explore import Scenario, Script, Seen, Task, World, at_most, eventually, handled, never, never_stuck
+from tca_wire.life_cycles import GENERAL, LifeCycle, Transition, ending
+from tca_wire.messages.controls import ExceptionHandler
+from tca_wire.messages.declarations import Command, Goal, Inform
+from tca_wire.vocabulary import Party
+
+PAUSABLE = LifeCycle(
+    "pausable",
+    [
+        *GENERAL.transitions,
+        Transition("pause", "running", "paused", Party.CLIENT),
+        Transition("resume", "paused", "running", Party.CLIENT),
+        *ending("paused"),
+    ],
+)
+WALK: Command[Any, Any] = Command("walk", int, progress=int, life_cycle=PAUSABLE)
+GRASP: Command[Any, Any] = Command("grasp", int, result=int, progress=int)
+AGAIN = ExceptionHandler("again")
+TIDY, PUT, USED = Goal("tidy", int), Command("put", int), Inform("used", int)
+
+
+def ended(state: str, goal: int | None = None) -> Any:
+    """A grasp that has ended in that state, with that goal."""
+
+    def predicate(world: World) -> list[Seen]:
+        tasks = [task for task in world.tasks if task.message == "grasp" and task.is_over]
+        return [task for task in tasks if task.state == state and goal in (None, task.data)]
+
+    return predicate
+
+
+def grasped_with_another_goal(world: World) -> bool:
+    """The handler has ended with another goal than the one that the task has, though nobody has killed or begun it anew."""
+    used = [one.data for one in world.messages if one.message == "used" and one.is_new]
+    tasks = [task for task in world.tasks if task.message == "grasp" and not task.is_killed and task.attempts == 1]
+    return any(task.data not in used for task in tasks if used)
+
+
+def takes(sent: Any, me: Script, name: str, data: Any = None) -> None:
+    """A client's transition, if it is possible."""
+    try:
+        sent.take(name, data)
+    except Refused:
+        me.choose("it was not possible")
+
+
+def grasping(*, updates: int = 1, **wishes: Any) -> Scenario:
+    """A client wants another goal, and the end; the handler looks for such wishes once before its end."""
+    ends = eventually(lambda world: ended("done")(world) or ended("cancelled")(world))
+    scenario = Scenario("grasping", never_stuck(), never(grasped_with_another_goal), ends)
+    scenario.observe()
+    arm, user = scenario.module("arm"), scenario.module("user")
+
+    @user.does
+    def want(me: Script) -> None:
+        sent = me.command(GRASP, 1)
+        for number in range(updates):
+            takes(sent, me, "update", number + 2)
+        takes(sent, me, "cancel")
+        sent.wait()
+
+    @arm.handles(GRASP, **wishes)
+    def grasp(task: Task, goal: int) -> int:
+        if "accepts" in wishes:
+            task.accept()
+        for _ in range(updates + 1):
+            if request := task.request:
+                if task.choose("accept", "reject") == "reject":
+                    request.reject("no")
+                elif request.accept():
+                    goal = request.goal or goal
+                    if request.transition == "cancel":
+                        return goal
+        task.report(2)
+        task.inform(USED, goal)
+        return goal
+
+    user.handles(USED)(lambda _task, _goal: None)
+    return scenario
+
+
+WISHES: list[dict[str, Any]] = [
+    {"takes": ["update", "cancel"]},
+    {"takes": ["update", "cancel"], "accepts": True},
+    {"takes": ["update"]},
+    {"takes": ["cancel"], "refuses": ["update"]},
+    {"refuses": ["update", "cancel"]},
+    {},
+]
+
+
+@pytest.mark.parametrize("wishes", WISHES, ids=str)
+def test_every_order_of_client_and_server(wishes: dict[str, Any]) -> None:
+    good(grasping(**wishes))
+
+
+@pytest.mark.soak
+def test_two_updates_and_a_cancel_while_the_handler_answers() -> None:
+    result = good(grasping(updates=2, takes=["update", "cancel"]))
+    assert result.states > 300
+
+
+@pytest.mark.parametrize(("state", "goal"), [("done", 1), ("done", 2), ("cancelled", 1), ("cancelled", 2)])
+def test_each_end_comes_in_some_order(state: str, goal: int) -> None:
+    assert "NOT never" in found(grasping(takes=["update", "cancel"]), never(ended(state, goal)))
+
+
+def test_a_handler_that_knows_of_nothing_is_begun_anew_or_killed() -> None:
+    found(grasping(), never(ended("done", 2)))
+    found(grasping(), never(ended("cancelled", 2)))
+    good(grasping(refuses=["update", "cancel"]), never(ended("done", 2)))
+
+
+def test_a_cancel_before_the_task_is_accepted_may_be_rejected() -> None:
+    """By that the task runs: the handler need not know whether it was quicker than the cancel."""
+    scenario = Scenario("early", never_stuck(), never(ended("cancelled")))
+    scenario.observe()
+    arm, user = scenario.module("arm"), scenario.module("user")
+
+    @user.does
+    def want(me: Script) -> None:
+        sent = me.command(GRASP, 1)
+        sent.cancel()
+        sent.wait()
+
+    @arm.handles(GRASP, takes=["cancel"], accepts=True)
+    def grasp(task: Task, _: int) -> int:
+        if request := task.request:
+            request.reject("not now")
+        task.accept()
+        if request := task.request:
+            request.reject("not now")
+        task.report(1)
+        return 2
+
+    good(scenario)
+
+
+def test_what_a_handler_has_not_looked_at_when_it_returns_is_decided_by_the_defaults() -> None:
+    """A goal lives on when its handler has returned: nobody would answer the cancel."""
+    scenario = Scenario("tidying", never_stuck())
+    scenario.observe()
+    planner, hand, user = scenario.module("planner"), scenario.module("hand"), scenario.module("user")
+
+    @user.does
+    def want(me: Script) -> None:
+        sent = me.goal(TIDY, 1)
+        takes(sent, me, "cancel")
+        sent.wait()
+
+    @planner.handles(TIDY, takes=["cancel"])
+    def tidy(task: Task, _: int) -> None:
+        task.command(PUT, 1)
+
+    @hand.handles(PUT)
+    def put(task: Task, _: int) -> None:
+        task.wait_for_request()  # for ever, if it is not killed
+
+    good(scenario)
+
+
+def test_transitions_of_ones_own_by_two_clients() -> None:
+    """Each of two clients pauses the walk and lets it go on, while its legs tell how far they are."""
+    scenario = Scenario("walking", never_stuck())
+    scenario.observe()
+    legs = scenario.module("legs")
+
+    for name in ("one", "other"):
+
+        @scenario.module(name).does
+        def want(me: Script) -> None:
+            for walk in me.tasks(WALK):
+                takes(walk, me, "pause")
+                takes(walk, me, "resume")
+
+    @scenario.module("user").does
+    def send(me: Script) -> None:
+        me.command(WALK, 1).wait()
+
+    @legs.handles(WALK, takes=["pause", "resume"])
+    def walk(task: Task, _: int) -> None:
+        task.report(1)  # as if it had never heard of a pause
+        task.report(2)
+
+    good(scenario)
+
+
+def crowded(users: int, policy: str, takes: list[str]) -> Scenario:
+    """Several want something of one arm, which has a policy for that."""
+    scenario = Scenario(f"an arm that is to {policy}", never_stuck(), at_most(1, handled(GRASP)))
+    scenario.observe()
+
+    for number in range(users):
+
+        @scenario.module(f"user {number}").does
+        def want(me: Script) -> None:
+            me.command(GRASP, 1).wait()
+
+    @scenario.module("arm").handles(GRASP, when_busy=policy, takes=takes)
+    def grasp(task: Task, goal: int) -> int:
+        request = task.wait_for_request(1.0) if takes else None
+        if request and task.choose("accept", "reject") == "accept":
+            request.accept()
+        elif request:
+            request.reject("no")
+        return goal
+
+    return scenario
+
+
+@pytest.mark.parametrize("policy", ["queue", "reject", "preempt"])
+@pytest.mark.parametrize("takes", [[], ["cancel"]], ids=str)
+@pytest.mark.parametrize("users", [2, pytest.param(3, marks=pytest.mark.soak)])
+def test_an_arm_does_one_thing_at_a_time(users: int, policy: str, takes: list[str]) -> None:
+    good(crowded(users, policy, takes))
+
+
+@pytest.mark.soak
+def test_a_task_that_is_to_be_cancelled_may_lose_its_server_and_be_retried() -> None:
+    scenario = Scenario("losing", never_stuck())
+    scenario.observe()
+    arm, user = scenario.module("arm", may_be_lost=1, comes_back=True), scenario.module("user")
+    doctor = scenario.module("doctor")
+
+    @user.does
+    def want(me: Script) -> None:
+        sent = me.command(GRASP, 1)
+        sent.cancel()
+        sent.wait()
+
+    @doctor.at_start
+    def attach(me: Script) -> None:
+        me.on_failure(None, AGAIN, of=GRASP)
+
+    @doctor.handles(AGAIN)
+    def again(task: Task) -> None:
+        task.trouble.failing.retry()
+
+    @arm.handles(GRASP, takes=["cancel"])
+    def grasp(task: Task, goal: int) -> int:
+        if request := task.request:
+            request.reject("no")
+        return goal
+
+    good(scenario)

@@ -1,0 +1,140 @@
+"""Replies that a handler leaves to others: whatever becomes of them, and in whatever order, each task ends."""
+
+from typing import Any
+
+import pytest
+from explore.accepting import over
+from explore.scenarios import HIGHER, STEP, WALK, found, good, resolves
+
+import tca_tools.explore as tca
+from tca_module import Failure, Inform, LaterReply, Recovery
+from tca_tools.explore import (
+    Seen,
+    World,
+    achieved,
+    at_most_in_all,
+    eventually,
+    failed,
+    handled,
+    never,
+    never_stuck,
+    sent,
+)
+from tca_wire.messages.failures import FORGOTTEN
+
+THERE = Inform("there")
+
+
+def uses(task: tca.Task, later: LaterReply[Any], words: str) -> None:
+    """What legs do with a reply that they have kept, when the sensor says so."""
+    request = later.request if words == "accept" else None
+    if words == "reply" or (words == "obey" and not later.cancelled):
+        later.reply(1)
+    elif words == "accept":
+        if request is not None:
+            request.accept()
+        task.keep_reply(later, lambda later, words: uses(task, later, words))
+
+
+def later(words: str, *properties: tca.Property, keeps: bool = True, **legs: Any) -> tca.Scenario:
+    """Legs leave the reply to a step to their sensor, which says how to use it; then they take another step."""
+    scenario = tca.Scenario(f"{words} later", never_stuck(), eventually(over(STEP, False)), *properties)
+    planner, feet, user = scenario.module("planner"), scenario.module("legs", **legs), scenario.module("user")
+
+    @feet.handles(STEP, takes=["cancel"])
+    def step(task: tca.Task, is_last: bool) -> Any:
+        if is_last:
+            return None
+        task.inform(THERE)
+        owed = task.reply_later()
+        if keeps:
+            task.keep_reply(owed, lambda later, words: uses(task, later, words))
+        return owed
+
+    @feet.handles(THERE, resource=feet.resource("sensor"))
+    def there(task: tca.Task) -> None:
+        if words:
+            task.use_kept(STEP, words)
+
+    @planner.handles(WALK)
+    def walk(task: tca.Task) -> None:
+        task.command(STEP, False)
+
+    planner.handles(HIGHER, resource=planner.resource("head"))(resolves)
+
+    @user.does
+    def story(me: tca.Script) -> None:
+        if words == "accept":
+            me.command(STEP, False).cancel()
+            me.inform(THERE)
+        else:
+            me.goal(WALK, on_failure=[Recovery(Failure(FORGOTTEN), HIGHER)])
+        me.command(STEP, True)
+
+    return scenario
+
+
+def cancelled(world: World) -> list[Seen]:
+    return [task for task in world.tasks if task.is_over and task.state == "cancelled"]
+
+
+def test_a_kept_reply_is_given_by_another_handler() -> None:
+    good(later("reply"), eventually(achieved(STEP)), never(failed(STEP)))
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_a_dropped_reply_is_heard_of_by_the_task_above(*, keeps: bool) -> None:
+    good(
+        later("drop", keeps=keeps),
+        eventually(failed(STEP)),
+        eventually(handled(HIGHER)),
+        at_most_in_all(1, sent(HIGHER)),
+    )
+
+
+@pytest.mark.parametrize("words", ["reply", "drop", "obey"])
+def test_a_kept_reply_of_a_killed_task_frees_its_slot(words: str) -> None:
+    scenario = later(words)
+    scenario.may_kill(STEP)
+    good(scenario)
+
+
+def test_a_reply_is_not_owed_after_an_accepted_cancel() -> None:
+    good(later("accept"), eventually(cancelled), never(failed(STEP)))
+
+
+def test_a_kept_reply_fails_when_its_module_leaves() -> None:
+    assert "step {3} fails: module lost" in found(later("", never(failed(STEP)), may_leave=True))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("words", ["reply", "drop", "accept"])
+def test_a_kept_reply_is_lost_with_its_module(words: str) -> None:
+    good(later(words, may_be_lost=1, comes_back=True), limit=20_000)
+
+
+def test_a_kept_reply_that_is_never_given_is_found() -> None:
+    assert "legs in step {3} owes its reply" in found(later(""))
+
+
+@pytest.mark.parametrize(("broken", "words"), [("_forgotten", "drop"), ("_send", "reply"), ("_stopped", "accept")])
+def test_a_library_that_owes_for_ever_is_found(broken: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(LaterReply, broken, lambda _: None)
+    assert "has not ended" in found(later(words))
+
+
+@pytest.mark.parametrize(
+    ("returns", "words"), [(1, "return what that gave"), (None, r"other means than keep_reply\(\)")]
+)
+def test_a_reply_that_is_not_left_to_the_module_is_named(returns: object, words: str) -> None:
+    owed: list[LaterReply[Any]] = []
+
+    def step(task: tca.Task) -> object:
+        owed.append(task.reply_later())
+        return returns or owed[-1]
+
+    scenario = tca.Scenario("other")
+    scenario.module("legs").handles(STEP)(step)
+    scenario.module("user").does(lambda me: [me.command(STEP)])
+    with pytest.raises(tca.ScenarioError, match=words):
+        tca.explore(scenario)

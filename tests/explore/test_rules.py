@@ -1,0 +1,311 @@
+"""What central promises, in every order in which things can happen; and that broken rules are found."""
+
+from typing import Any
+
+import pytest
+from explore.scenarios import HIGHER, NOTE, REST, STEP, WALK, WHERE, found, good, helped, walking
+
+import tca_tools.explore as tca
+from tca_central.model.resources import Resource
+from tca_tools.explore import (
+    achieved,
+    at_most,
+    before,
+    begun,
+    eventually,
+    failed,
+    handled_by,
+    killed,
+    never,
+    never_stuck,
+    planned,
+    resolved,
+)
+from tca_wire.messages.declarations import Command
+
+IN_ORDER = before(achieved(STEP, 0), begun(STEP, 1))
+REST_LAST = before(achieved(WALK), achieved(REST))
+
+
+# --- nothing starts before its constraints ---------------------------------------------------------------------------
+
+
+def test_nothing_starts_before_its_constraints() -> None:
+    good(walking(IN_ORDER, REST_LAST, never_stuck(), steps=3, capacity=2))
+
+
+def test_what_has_no_constraint_may_come_first() -> None:
+    found(walking(before(achieved(STEP, 1), begun(STEP, 2)), steps=3, capacity=2))
+
+
+def constrained(*properties: Any) -> tca.Scenario:
+    """Each flag once."""
+    scenario = tca.Scenario("constrained", *properties)
+    planner = scenario.module("planner", capacity=2)
+
+    @planner.handles(WALK)
+    def walk(task: tca.Task) -> None:
+        task.goal(REST, 1)
+        task.goal(REST, 2, sequential_planning=True)
+        task.goal(REST, 3, delay_planning=True)
+
+    @planner.handles(REST)
+    def rest(task: tca.Task, number: int) -> None:
+        if number < 3:
+            task.command(STEP, number)
+
+    @scenario.module("legs").handles(STEP)
+    def act(_: tca.Task) -> None: ...
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        me.goal(WALK).wait()
+
+    return scenario
+
+
+def test_every_flag_holds() -> None:
+    good(
+        constrained(
+            before(planned(REST, 1), begun(REST, 2)),
+            before(achieved(REST, 2), begun(REST, 3)),
+            before(achieved(STEP, 1), begun(STEP, 2)),
+            never_stuck(),
+        ),
+        limit=3000,
+    )
+
+
+def test_what_is_planned_first_is_planned_first() -> None:
+    scenario = tca.Scenario("planned first", before(planned(WALK), begun(STEP)), never_stuck())
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task) -> None:
+        task.command(STEP)
+        task.command(STEP)
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        me.goal(WALK, plan_first=True).wait()
+
+    good(scenario)
+
+
+# --- resources -------------------------------------------------------------------------------------------------------
+
+
+def crowd(*properties: Any, capacity: int = 2, notes: bool = True, **legs: Any) -> tca.Scenario:
+    """Three (without *notes* two) who do not know each other want the legs at the same time."""
+    scenario = tca.Scenario("a crowd", *properties)
+    feet = scenario.module("legs", capacity=capacity, **legs)
+
+    @feet.handles(STEP)
+    @feet.handles(WHERE)
+    @feet.handles(NOTE)
+    def act(task: tca.Task) -> int | None:
+        return 7 if task.message == WHERE.name else None
+
+    @scenario.module("first").does
+    def steps(me: tca.Script) -> None:
+        me.command(STEP)
+        me.command(STEP, sequential=False, priority=1).wait()
+
+    @scenario.module("second").does
+    def asks(me: tca.Script) -> None:
+        assert me.query(WHERE) == 7
+
+    if notes:
+
+        @scenario.module("third").does
+        def tells(me: tca.Script) -> None:
+            me.inform(NOTE)
+            me.inform(NOTE)
+
+    return scenario
+
+
+@pytest.mark.parametrize("notes", [False, pytest.param(True, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("capacity", [1, 2])
+def test_a_resource_is_never_over_capacity(capacity: int, notes: bool) -> None:
+    scenario = crowd(at_most(capacity, handled_by("legs")), never_stuck(), capacity=capacity, notes=notes)
+    good(scenario)
+
+
+def test_a_resource_is_used_to_its_capacity() -> None:
+    found(crowd(at_most(1, handled_by("legs")), notes=False))
+
+
+@pytest.mark.parametrize("late_too", [False, pytest.param(True, marks=pytest.mark.soak)])
+def test_nor_when_slots_come_and_go(late_too: bool) -> None:
+    legs = {"capacity": 1, "may_leave": True, "arrives_late": late_too}
+    scenario = crowd(at_most(1, handled_by("legs")), notes=late_too, **legs)
+    good(scenario, limit=5000)
+
+
+# --- kills and losses ------------------------------------------------------------------------------------------------
+
+
+def test_a_killed_subtree_releases_its_waiters() -> None:
+    scenario = walking(eventually(achieved(REST)), never_stuck(), before(killed(WALK), never_true))
+    scenario.may_kill(WALK)
+    good(scenario)
+    found(scenario, never(killed(STEP)))
+
+
+def never_true(_: object) -> bool:
+    return False
+
+
+def test_a_failed_step_ends_the_walk_and_releases_its_waiters() -> None:
+    good(walking(eventually(achieved(REST)), never_stuck(), slips=True))
+    found(walking(eventually(achieved(WALK)), slips=True))
+
+
+@pytest.mark.soak
+def test_a_lost_module_releases_those_who_wait() -> None:
+    good(walking(eventually(achieved(REST)), never_stuck(), steps=1, may_be_lost=1, comes_back=True))
+
+
+def test_without_its_legs_it_waits() -> None:
+    assert "queued" in found(walking(never_stuck(), may_be_lost=1))
+
+
+# --- who waits for an exception handler is helped by somebody ---------------------------------------------------------
+
+ALL_ENDS = (never_stuck(), never(killed(STEP)), eventually(resolved(STEP)))
+
+
+@pytest.mark.parametrize("may_leave", [False, pytest.param(True, marks=pytest.mark.soak)])
+def test_an_exception_handler_that_waits_when_its_module_goes_is_passed_over(may_leave: bool) -> None:
+    good(helped(*ALL_ENDS, may_leave=may_leave))
+    found(helped(never(killed(HIGHER)), may_leave=may_leave))
+
+
+def test_an_exception_handler_that_is_not_passed_over_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tca_central.failing.failures.pass_over", lambda _central, _handler: None)
+    assert "nobody handles 'higher', and the search does not go on" in found(helped(*ALL_ENDS))
+
+
+# --- locks and reservations -------------------------------------------------------------------------------------------
+
+GRIP = Command("grip")
+
+
+def two_arms(first: str, second: str, *properties: tca.Property) -> tca.Scenario:
+    """Two handlers that each need both of two resources; one locks *first* first, the other *second*."""
+    scenario = tca.Scenario("two arms", *properties)
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    scenario.module("arm").handles(GRIP)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task) -> None:
+        with task.lock("legs"), task.lock("arm"):
+            pass
+
+    @scenario.module("rester").handles(REST)
+    def rest(task: tca.Task) -> None:
+        with task.lock(first), task.lock(second):
+            pass
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        me.goal(WALK, "there")
+        me.goal(REST, sequential=False)
+
+    return scenario
+
+
+def both(world: tca.World) -> bool:
+    return len(world.held_by) == 2 and len({claim.sender for claim in world.held_by.values()}) == 1
+
+
+def test_who_locks_in_another_order_may_wait_for_ever() -> None:
+    result = tca.explore(two_arms("arm", "legs", never_stuck()))
+    assert result.violation is not None
+    text = tca.report(result)
+    assert "planner in walk {1} waits to lock arm" in text
+    assert "rester in rest {3} waits to lock legs" in text
+
+
+def test_who_locks_in_one_order_does_not() -> None:
+    good(two_arms("legs", "arm", never_stuck()))
+
+
+def test_it_is_seen_who_has_what() -> None:
+    found(two_arms("legs", "arm", never(both)))
+
+
+def reserved() -> tca.Result:
+    """The planner reserves the legs for its own steps, as long as its walk takes: the promises say that none of the
+    user's comes between."""
+    scenario = tca.Scenario("reserved", never_stuck())
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task) -> None:
+        task.reserve("legs")
+        task.command(STEP, "one")
+        task.command(STEP, "two")
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        me.goal(WALK, "there")
+        me.command(STEP, "other", sequential=False)
+
+    return tca.explore(scenario)
+
+
+def test_a_reservation_lasts_as_long_as_its_task() -> None:
+    assert reserved().ok
+
+
+def test_a_central_that_lets_others_in_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Resource, "admits", lambda _self, _message: True)
+    result = reserved()
+    assert result.violation is not None
+    assert "was given to 'legs' while planner has it reserved" in tca.report(result)
+
+
+def test_a_lock_of_a_module_that_may_be_lost() -> None:
+    """That it is gone is no mistake of the scenario."""
+    scenario = tca.Scenario("a lost base", never_stuck())
+    scenario.module("legs", may_be_lost=1).handles(STEP)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task) -> None:
+        with task.lock("legs"):
+            pass
+
+    scenario.module("user").does(lambda me: [me.goal(WALK, "there")])
+    good(scenario)
+
+
+def test_a_property_that_can_not_be_asked_is_a_mistake_in_the_scenario() -> None:
+    with pytest.raises(tca.ScenarioError, match="can't be asked: AttributeError"):
+        tca.explore(two_arms("legs", "arm", never(lambda world: world.taks)))
+
+
+def unlocked(*properties: tca.Property) -> tca.Result:
+    """An operator takes the legs from a planner, whether that has them just then or not."""
+    scenario = tca.Scenario("an operator unlocks", *properties)
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task) -> None:
+        with task.lock("legs"):
+            pass
+
+    scenario.module("user").does(lambda me: [me.goal(WALK, "there")])
+    scenario.module("operator").does(lambda me: [me.unlock("legs")])
+    return tca.explore(scenario)
+
+
+def test_a_handler_fails_that_has_lost_its_lock() -> None:
+    result = unlocked(never(failed(WALK)))
+    assert result.violation is not None
+    assert "lock lost" in tca.report(result)
+
+
+def test_a_handler_that_has_lost_its_lock_comes_to_its_end() -> None:
+    assert unlocked(never_stuck()).ok

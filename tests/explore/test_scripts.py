@@ -1,0 +1,419 @@
+"""What scripts can do, and what is said of those that can't be played."""
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from explore.accepting import those
+from explore.scenarios import HEIGHTS, LIFT, NOTE, REST, SLIPPED, STEP, WALK, WHERE, found, good, slips
+
+import tca_tools.explore as tca
+from tca_module import QueryFailed, Refused, SentTask, Stopped, TaskKilled, this
+from tca_tools.explore import (
+    achieved,
+    at_most,
+    at_most_in_all,
+    begun,
+    eventually,
+    failed,
+    handled,
+    killed,
+    never,
+    never_stuck,
+    sent,
+    within,
+)  # fmt: skip
+from tca_tools.explore.scenario.script_connection import ScriptConnection
+from tca_wire.constraints import sequential_achievement
+from tca_wire.messages.declarations import Command, Goal
+from tca_wire.points import THIS
+from tca_wire.vocabulary import Refusal
+
+
+def one(handler: Any, *properties: Any, story: Any = lambda me: [me.goal(WALK).wait()]) -> tca.Scenario:
+    """A user who walks, a planner that does it in some way, and others who do what they are told."""
+    scenario = tca.Scenario("one", *properties)
+    scenario.module("planner").handles(WALK)(handler)
+    scenario.module("user").does(story)
+    others = scenario.module("others", capacity=2)
+    for message, result in ((STEP, None), (WHERE, 7), (HEIGHTS, 7), (NOTE, None)):
+        others.handles(message)(lambda _, result=result: result)
+    return scenario
+
+
+def test_a_script_that_ends_because_what_it_waits_for_is_killed_with_it_has_not_failed() -> None:
+    scenario = one(lambda task: task.command(STEP).result(), never(failed(WALK)))
+    scenario.may_kill(WALK)
+    good(scenario)
+    scenario.may_kill(STEP)
+    found(scenario)
+
+
+def test_a_script_can_do_what_a_module_can() -> None:
+    seen = set()
+
+    def everything(task: tca.Task) -> None:
+        here = task.query(WHERE)
+        heights = task.multi_query(HEIGHTS)
+        task.inform(NOTE, here)
+        first = task.command(STEP, {"left": here})
+        second = task.command(STEP, priority=1)
+        with contextlib.suppress(Refused):  # too late, where the second has begun
+            task.constrain(sequential_achievement(first.id, second.id))
+        seen.add(f"{here} {heights} {second.wait()}")
+
+    good(one(everything, eventually(achieved(WALK)), never_stuck()))
+    assert seen == {"7 [7] done"}
+
+
+def test_every_choice_is_explored() -> None:
+    def chooses(task: tca.Task) -> None:
+        if task.choose("well", "badly") == "badly":
+            raise SLIPPED(text="ice")
+
+    scenario = one(chooses)
+    bad, good = tca.explore(scenario, never(failed(WALK))), tca.explore(scenario, never(achieved(WALK)))
+    assert bad.violation is not None
+    assert good.violation is not None
+    assert "planner in walk {1} chooses badly, fails: slipped" in tca.report(bad)
+    assert "planner in walk {1} chooses well, returns" in tca.report(good)
+
+
+def test_a_handler_may_hang() -> None:
+    result = tca.explore(one(lambda task: task.hang(), never_stuck()))
+    assert "planner in walk {1} never goes on" in tca.report(result)
+
+
+def test_a_killed_handler_is_told() -> None:
+    def obeys(task: tca.Task) -> None:
+        while not task.cancelled:
+            task.query(WHERE)
+
+    scenario = one(obeys, never_stuck(), eventually(killed(WALK)), story=lambda me: [me.goal(WALK).kill()])
+    assert tca.explore(scenario, limit=150).violation is None
+    deaf = one(lambda task: task.command(STEP) and None, never(handled(STEP)), story=lambda me: [me.goal(WALK).kill()])
+    found(deaf)
+
+
+def test_a_failed_query_is_an_error_in_the_script() -> None:
+    def asks(task: tca.Task) -> None:
+        with pytest.raises(QueryFailed, match="query 'where' failed: slipped"):
+            task.query(WHERE)
+        task.command(STEP)
+
+    scenario = one(asks, never_stuck(), eventually(handled(STEP)))
+    scenario.module("newest").handles(WHERE)(slips)
+    good(scenario)
+    careless = one(lambda task: task.query(WHERE), eventually(failed(WALK)))
+    careless.module("newest").handles(WHERE)(slips)
+    good(careless)
+
+
+def test_a_refusal_can_be_caught() -> None:
+    refusals = set()
+
+    def circle(task: tca.Task) -> None:
+        first, second = task.command(STEP), task.command(STEP)
+        try:
+            task.constrain(sequential_achievement(second.id, first.id))
+        except Refused as error:
+            refusals.add(error.refusal)
+
+    good(one(circle, never_stuck()))
+    assert refusals == {Refusal.TOO_LATE}
+
+
+def under_what_has_ended(task: tca.Task) -> SentTask[Any]:
+    """Sends in vain."""
+    first = task.command(STEP)
+    first.wait()
+    return task.under(first).command(STEP)
+
+
+@pytest.mark.parametrize("ending", ["returns", "goes on", "orders", "waits"])
+def test_a_handler_that_does_not_care_for_a_refused_send_fails(ending: str) -> None:
+    """Whether it goes on with it, or with something else, or returns; and what it was to send then is not sent."""
+
+    def walk(task: tca.Task) -> None:
+        refused = under_what_has_ended(task)
+        if ending == "goes on":
+            task.command(STEP)
+        elif ending == "orders":
+            task.command(STEP, constraints=[refused.achieving.end <= this.achieving.start])
+        elif ending == "waits":
+            refused.wait()
+
+    good(one(walk, eventually(failed(WALK)), at_most_in_all(1, sent(STEP)), never_stuck()))
+
+
+def test_a_refused_send_is_as_if_it_had_never_been_sent() -> None:
+    def walk(task: tca.Task) -> None:
+        with task.sequence():
+            refused = under_what_has_ended(task)
+            with pytest.raises(Refused, match=r"command 'step' was refused: task .* has ended"):
+                refused.id  # noqa: B018
+            task.command(STEP)
+            task.command(STEP)
+
+    good(one(walk, eventually(achieved(WALK)), at_most(1, begun(STEP)), never_stuck()))
+
+
+def uses_what_nobody_handles(task: tca.Task) -> None:
+    task.command(LIFT)
+
+
+def asks_for_a_circle(task: tca.Task) -> None:
+    task.goal(WALK, constraints=[sequential_achievement(THIS, THIS)])
+
+
+def sends_the_wrong_way(task: tca.Task) -> None:
+    task.goal(STEP)  # type: ignore[call-overload]
+
+
+def breaks(task: tca.Task) -> None:
+    task.query(WHERE)
+    raise KeyError("left")
+
+
+@pytest.mark.parametrize(
+    ("handler", "words"),
+    [
+        (uses_what_nobody_handles, "planner sends command 'lift', which no module of the scenario handles"),
+        (asks_for_a_circle, "goal 'walk' was refused"),
+        (sends_the_wrong_way, r"goal\(\) takes messages of class Goal, not Command\('step'"),
+        (breaks, r"test_scripts.py, line \d+\): KeyError\('left'\)"),
+        (lambda _: (yield), "is no plain function"),
+        (lambda: None, "is no plain function"),
+    ],
+)
+def test_what_cannot_be_played_is_named(handler: Any, words: str) -> None:
+    with pytest.raises(tca.ScenarioError, match=words):
+        tca.explore(one(handler))
+
+
+def test_a_script_that_catches_everything_and_goes_on_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    """Also what ends its runs here: no limit would come, as nothing that is raised in it leaves it."""
+
+    def walk(task: tca.Task) -> object:
+        while True:
+            with contextlib.suppress(BaseException):
+                try:
+                    return task.query(WHERE) and None
+                except:  # noqa: E722
+                    print("asks again")
+
+    with pytest.raises(tca.ScenarioError) as found:
+        tca.explore(one(walk))
+    line = walk.__code__.co_firstlineno + 4
+    assert f"the script of 'walk' in planner ({__file__}, line {line}): it catches what ends a run" in str(found.value)
+    assert "write 'except Exception:' instead" in str(found.value)
+    assert capsys.readouterr().out.count("asks again") >= 10_000
+
+
+def test_a_script_that_catches_what_cannot_be_played_and_goes_on_is_named() -> None:
+    def walk(task: tca.Task) -> None:
+        while True:
+            with contextlib.suppress(Exception):
+                task.choose()
+
+    with pytest.raises(tca.ScenarioError, match=r"nothing to choose from.*; it catches this, and goes on for ever"):
+        tca.explore(one(walk))
+
+
+def test_a_script_may_catch_everything_for_a_while() -> None:
+    def walk(task: tca.Task) -> object:
+        for _ in range(3):
+            try:
+                return task.query(WHERE) and None
+            except:  # noqa: E722
+                pass
+        return None
+
+    good(one(walk, never_stuck()))
+
+
+def test_whoever_does_not_wait_for_it_any_more_is_left_alone_by_an_exploration() -> None:
+    """Ctrl-C ends the wait; what goes on in the thread ends, too."""
+    began = set(threading.enumerate())
+
+    def watch(states: int, _: int) -> None:
+        if states > 100:
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+    scenario = tca.Scenario("long")
+    for name in "abcdefgh":
+        scenario.module(name).does(lambda me: [me.inform(NOTE, 1) for _ in range(9)])
+    scenario.module("others").handles(NOTE)(lambda _: None)
+    with pytest.raises(KeyboardInterrupt):
+        tca.explore(scenario, watch=watch)
+    for thread in set(threading.enumerate()) - began:
+        thread.join(timeout=30)
+        assert not thread.is_alive()
+
+
+def test_a_script_that_remembers_is_found_out() -> None:
+    runs: list[int] = []
+
+    def remembers(task: tca.Task) -> None:
+        runs.append(1)
+        if len(runs) == 1:
+            task.query(WHERE)
+        task.command(STEP)
+        task.query(WHERE)
+
+    with pytest.raises(tca.ScenarioError, match="does not do the same when it is run again"):
+        tca.explore(one(remembers))
+
+
+def test_scenarios_are_checked_when_they_are_written() -> None:
+    scenario = tca.Scenario("bad")
+    module = scenario.module("planner")
+    module.handles(WALK)(lambda _: None)
+    module.does(lambda _: None)
+    for bad, words in (
+        (lambda: scenario.module("planner"), "there is a module 'planner' already"),
+        (lambda: module.handles(WALK), "handles 'walk' already"),
+        (lambda: module.handles("walk"), "wants a message"),  # type: ignore[arg-type]
+        (lambda: module.handles(REST, resource="arm"), "has no resource 'arm'"),
+        (lambda: module.does(lambda _: None), "does something already"),
+        (lambda: scenario.may_kill(NOTE), "wants a goal or command"),
+        (lambda: tca.Script(ScriptConnection(())).choose(), "nothing to choose from"),
+    ):
+        with pytest.raises(tca.ScenarioError, match=words):
+            bad()
+    other = scenario.module("other")
+    other.handles(Command(WALK.name))(lambda _: None)
+    with pytest.raises(tca.ScenarioError, match="'walk' is a command in other and a goal elsewhere"):
+        tca.explore(scenario)
+    assert Goal(WALK.name).name == WALK.name
+
+
+# --- whoever is killed while it asks ends at once, and is woken once, as on the robot ---------------------------------
+
+HELD = "arm"
+
+WAITS: dict[str, Callable[[tca.Task], Any]] = {
+    "query": lambda task: task.query(WHERE),
+    "multi-query": lambda task: task.multi_query(HEIGHTS),
+    "receive": lambda task: task.query_send(WHERE).receive(),
+    "a stranger's task": lambda task: [step.wait() for step in task.tasks(STEP)],
+    "subtask": lambda task: task.command(STEP).wait(),
+    "result": lambda task: task.command(STEP).result(),
+    "lock": lambda task: task.lock(HELD),
+    "until handled": lambda task: task.wait_until_handled(LIFT),
+}
+
+
+def some(*names: str) -> list[Any]:
+    return [pytest.param(how, marks=[] if how in names else [pytest.mark.soak]) for how in WAITS]
+
+
+def walk_is_killed(world: tca.World) -> object:
+    return those(world, WALK, "is_killed")
+
+
+def returned(world: tca.World) -> object:
+    """What it waits for may go on for ever, and if that is under it, it ends no sooner."""
+    return [walk for walk in those(world, WALK, "is_killed") if not walk.is_handled]
+
+
+def asking(handler: Callable[[tca.Task], Any], *properties: Any, **planner: Any) -> tca.Scenario:
+    """A walk that asks, and may be killed; nobody answers it, ends what it waits for or frees the arm."""
+    scenario = tca.Scenario("asking", *properties)
+    scenario.module("planner", **planner).handles(WALK)(handler)
+    others = scenario.module("others", capacity=3)
+    for message in (WHERE, HEIGHTS, STEP):
+        others.handles(message)(lambda task: task.hang())
+    scenario.module("arm").handles(REST)(lambda _: None)
+    scenario.module("notes").handles(NOTE)(lambda _: None)
+    scenario.module("boats", arrives_late=True).handles(LIFT)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Any) -> None:
+        me.lock(HELD)
+        me.command(STEP, sequential=False)
+        me.goal(WALK, sequential=False)
+
+    if not planner:
+        scenario.may_kill(WALK)
+    return scenario
+
+
+@pytest.mark.parametrize("how", some("query", "lock"))
+def test_whoever_is_killed_while_it_asks_ends_at_once(how: str) -> None:
+    scenario = asking(WAITS[how], within(0, walk_is_killed, returned), never(failed(WALK)))
+    result = tca.explore(scenario, limit=20_000)
+    assert result.ok, tca.report(result)
+
+
+@pytest.mark.parametrize("how", some("query", "lock"))
+def test_who_was_woken_may_ask_further(how: str) -> None:
+    def cleans_up(task: tca.Task) -> None:
+        try:
+            WAITS[how](task)
+        except TaskKilled:
+            assert task.cancelled
+            task.wait_until_handled(NOTE)
+            task.inform(NOTE)
+            raise
+
+    result = tca.explore(asking(cleans_up, never(begun(NOTE))), limit=20_000)
+    assert result.violation is not None
+    assert "somebody kills walk" in tca.report(result)
+
+
+def test_who_has_read_that_it_is_killed_is_not_woken() -> None:
+    def waits_on(task: tca.Task) -> None:
+        if task.cancelled:
+            task.query(WHERE)
+
+    result = tca.explore(asking(waits_on, within(0, walk_is_killed, returned)), limit=20_000)
+    assert not result.ok
+    assert "waits for the answer to query where" in tca.report(result)
+
+
+# --- its module ends --------------------------------------------------------------------------------------------------
+
+
+def lost(world: tca.World) -> object:
+    return [walk for walk in those(world, WALK, "failure") if walk.failure == "module lost"]
+
+
+def gone(world: tca.World) -> bool:
+    return "planner" not in world.modules
+
+
+@pytest.mark.parametrize("how", some("lock"))
+def test_whoever_asks_when_its_module_leaves_is_woken(how: str) -> None:
+    """With Stopped, as on the robot: the walk fails, and the module can go."""
+    seen = set()
+
+    def asks(task: tca.Task) -> None:
+        try:
+            WAITS[how](task)
+        except Stopped:
+            seen.add(task.cancelled)
+            task.wait_until_handled(NOTE)
+            raise
+
+    result = tca.explore(asking(asks, may_leave=True), limit=20_000)
+    assert result.ok, tca.report(result)
+    assert seen == {True}
+    for never_comes in (lost, gone):
+        assert tca.explore(asking(asks, never(never_comes), may_leave=True), limit=20_000).violation is not None
+
+
+def test_who_knows_that_its_module_ends_and_returns_may_have_done_half_of_it() -> None:
+    def returns(task: tca.Task) -> None:
+        if task.cancelled:
+            return
+        try:
+            task.query(WHERE)
+        except Stopped:
+            return
+
+    result = tca.explore(asking(returns, never(lost), may_leave=True), limit=20_000)
+    assert result.violation is not None

@@ -1,0 +1,289 @@
+"""What central promises of failures, wiretaps, monitors, suspension and time, in every order in which things happen."""
+
+import contextlib
+import re
+from typing import Any
+
+import pytest
+from explore import scenarios
+from explore.scenarios import BATTERY, CHECK, GAUGE, HIGHER, IS_LOW, RECHARGE, REST, SLIPPED, STEP, WALK, found, good
+
+import tca_tools.explore as tca
+from tca_module import Condition, Inform, Recovery, Refused, Timeout, this
+from tca_tools.explore import (
+    achieved,
+    at_most,
+    at_most_in_all,
+    before,
+    begun,
+    eventually,
+    failed,
+    fired,
+    handled,
+    killed,
+    never,
+    never_stuck,
+    recovering,
+    retried,
+    sent,
+    suspended,
+)
+
+# --- wiretaps --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("condition", [Condition.BEFORE_HANDLING, Condition.BEFORE_ACHIEVING])
+def test_a_before_tap_holds_what_it_taps_until_its_listener_is_done(condition: Condition) -> None:
+    in_turn = [before(achieved(CHECK, number), begun(STEP, number)) for number in (1, 2)]
+    good(scenarios.tapped(condition), *in_turn, at_most_in_all(2, fired(CHECK)), never_stuck())
+
+
+@pytest.mark.parametrize("safety_arrives_late", [False, True])
+def test_a_tap_that_comes_while_a_step_waits_holds_it(*, safety_arrives_late: bool) -> None:
+    scenario = scenarios.tapped_late(safety_arrives_late=safety_arrives_late)
+    good(scenario, before(achieved(CHECK, 1), begun(STEP, 1)), at_most_in_all(1, fired(CHECK)), never_stuck())
+    assert "queued: step {2} for legs" in found(scenario, never(fired(CHECK)))
+
+
+def test_a_when_tap_holds_the_end() -> None:
+    good(scenarios.tapped(Condition.WHEN_ACHIEVED), before(achieved(CHECK, 1), achieved(STEP, 1)), never_stuck())
+
+
+@pytest.mark.parametrize("condition", [Condition.WHILE_ACHIEVING, Condition.AFTER_ACHIEVED])
+def test_while_and_after_hold_nothing(condition: Condition) -> None:
+    story = found(scenarios.tapped(condition), before(achieved(CHECK, 1), achieved(STEP, 2)))
+    assert "tapped: {1} for step {2}: check {3}" in story
+
+
+def test_a_tap_that_calls_at_once_calls_exactly_once() -> None:
+    told = Inform("told")
+
+    def tapped(*, at_once: bool) -> tca.Scenario:
+        scenario = tca.Scenario("tapped at once")
+        scenario.module("legs").handles(STEP)(scenarios.nothing)
+        scenario.module("log").handles(told)(scenarios.nothing)
+
+        @scenario.module("user").does
+        def story(me: tca.Script) -> None:
+            step = me.command(STEP)
+            with contextlib.suppress(Refused):  # it has ended
+                me.tap(Condition.AFTER_ACHIEVED, step, told, at_once=at_once)
+
+        return scenario
+
+    good(tapped(at_once=True), at_most_in_all(1, sent(told)), eventually(sent(told)), never_stuck())
+    found(tapped(at_once=False), eventually(sent(told)))
+
+
+# --- failures --------------------------------------------------------------------------------------------------------
+
+
+def is_handled_twice(world: tca.World) -> list[tca.Seen]:
+    handlers = [seen.message for seen in world.messages if seen.is_handled]
+    return [seen for seen in world.messages if seen.is_handled and handlers.count(seen.message) > 1]
+
+
+def test_a_recovery_ladder_always_ends() -> None:
+    """Retry, then plan anew, then give up: twice two steps at most, and whoever waits goes on."""
+    bounds = (
+        at_most_in_all(2, retried(STEP)),
+        at_most_in_all(1, retried(WALK)),
+        at_most_in_all(4, begun_anew),
+        at_most(1, recovering(STEP)),
+    )
+    result = good(scenarios.ladder(), *bounds, never(is_handled_twice), never_stuck())
+    assert result.longest is not None  # no run goes on for ever
+    found(scenarios.ladder(), eventually(retried(STEP)))  # it may go well
+
+
+def begun_anew(world: tca.World) -> list[tca.Seen]:
+    """Steps that were sent or retried with the last action."""
+    return [seen for seen in world.tasks if seen.message == STEP.name and (seen.is_new or seen.is_retried)]
+
+
+def test_a_ladder_without_an_end_is_found() -> None:
+    story = found(scenarios.ladder(gives_up=False), at_most_in_all(2, retried(WALK)))
+    assert "here it comes to 3: walk {2}" in story
+
+
+def test_the_steps_of_a_recovery_can_be_read() -> None:
+    story = found(scenarios.ladder(), never(failed(WALK)))
+    for line in (
+        "1. user attaches higher for slipped to all step",
+        '2. user sends goal walk "straight", with replan for slipped',
+        "5. legs in step {4} chooses slips, fails: slipped",
+        '6. expert in higher {5} retries step {4} with "higher"',
+        "9. expert in higher {7} reissues its failure",
+        '10. expert in replan {8} retries walk {2} with "another way"',
+    ):
+        assert line in story, story
+
+
+def retried_while_running(*properties: Any) -> tca.Scenario:
+    """Somebody retries a step whose handler runs."""
+    scenario = tca.Scenario("retried while it runs", *properties)
+    scenario.module("legs", capacity=2).handles(STEP)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        step = me.command(STEP)
+        with contextlib.suppress(Refused):  # it has ended
+            step.retry(STEP, "again")
+        step.wait()
+
+    return scenario
+
+
+def test_a_retried_task_is_never_handled_twice_at_once() -> None:
+    result = good(retried_while_running(), at_most(1, handled(STEP)), never_stuck())
+    assert result.longest is not None
+    found(retried_while_running(), never(achieved(STEP, "again")))
+
+
+def test_a_failure_that_is_raised_from_outside_leaves_nothing_hanging() -> None:
+    scenario = tca.Scenario("raised from outside")
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("expert").handles(HIGHER)
+    def higher(task: tca.Task) -> None:
+        task.trouble.failing.kill()
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        step = me.command(STEP, on_failure=[Recovery(SLIPPED, HIGHER)])
+        step.fail(SLIPPED(text="seen from afar"))
+
+    good(scenario, never_stuck(), at_most(1, recovering(STEP)))
+    assert "user raises slipped on step {1}" in found(scenario, never(failed(STEP)))
+
+
+# --- suspension ------------------------------------------------------------------------------------------------------
+
+
+def test_a_suspended_subtree_starts_nothing() -> None:
+    """That nothing suspended is given to a handler is checked of every scenario; here something is suspended."""
+    result = good(
+        scenarios.suspending(), never(starts_suspended), before(achieved(WALK), achieved(REST)), never_stuck()
+    )
+    assert result.longest is not None
+    assert "somebody suspends walk {1}" in found(scenarios.suspending(), never(suspended(STEP)))
+
+
+def test_what_is_created_suspended_can_be_ordered_whoever_kills_it() -> None:
+    good(scenarios.ordered(suspended=True), before(achieved(STEP, 2), begun(STEP, 1)), never_stuck())
+    good(scenarios.ordered(suspended=True, kills=2), never(failed(WALK)), never_stuck())
+    found(scenarios.ordered(suspended=False), never(failed(WALK)))
+
+
+def starts_suspended(world: tca.World) -> list[tca.Seen]:
+    return [seen for seen in world.tasks if seen.is_suspended and seen.is_new and seen.is_begun]
+
+
+# --- time ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_deadline_that_is_over_while_the_reply_is_under_way_leaves_nothing_hanging() -> None:
+    assert good(scenarios.late(), eventually(achieved(REST)), never_stuck()).longest is not None
+    is_retried_once = at_most_in_all(1, retried(STEP))  # the deadline is over: what is retried has no new one
+    assert (
+        good(scenarios.late(handled=True), eventually(achieved(REST)), is_retried_once, never_stuck()).longest
+        is not None
+    )
+    assert "5 s pass" in found(scenarios.late(), never(killed(STEP)))
+    found(scenarios.late(), never(achieved(STEP)))  # and in time
+
+
+@pytest.mark.parametrize(
+    ("options", "fires"), [({"maximum": 2}, 2), ({"maximum": 1, "fire_every": 2}, 1), ({"duration": 2.5}, 3)]
+)
+def test_a_polling_monitor_acts_so_often_and_no_more(options: dict[str, Any], fires: int) -> None:
+    good(scenarios.polling(BATTERY, **options), at_most_in_all(fires, fired(RECHARGE)), never_stuck())
+    found(scenarios.polling(BATTERY, **options), at_most_in_all(fires - 1, fired(RECHARGE)))
+
+
+def test_what_comes_round_for_ever_comes_to_the_same_state_again() -> None:
+    result = good(scenarios.polling(GAUGE, waited_for=True), at_most(1, sent(GAUGE)))
+    assert result.longest is None
+    assert result.states < 10
+
+
+def test_nothing_starts_before_its_delay() -> None:
+    scenario = tca.Scenario("delays", never_stuck())
+    scenario.module("legs", capacity=2).handles(STEP)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        first = me.command(STEP, 1, delay=1.0)
+        me.command(STEP, 2, sequential=False, constraints=[first.handling.end + 2.0 <= this.achieving.start])
+
+    good(scenario, before(lambda world: world.now >= 1, begun(STEP, 1)), before(achieved(STEP, 1), begun(STEP, 2)),
+         before(lambda world: world.now >= 3, begun(STEP, 2)))  # fmt: skip
+    story_of_it = found(scenario, never(achieved(STEP, 2)))
+    assert re.search(r"\n  \d\. 1 s pass\n.*\n  \d\. 2 s pass\n", story_of_it, re.DOTALL)
+
+
+def test_whoever_waits_for_so_long_may_wait_in_vain() -> None:
+    scenario = tca.Scenario("impatient")
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        step = me.command(STEP)
+        try:
+            step.wait(timeout=2.0)
+        except Timeout:
+            step.kill("too slow")
+
+    good(scenario, never_stuck())
+    found(scenario, never(achieved(STEP)))
+    assert "user no longer waits for end achieving of step {1}" in found(scenario, never(killed(STEP)))
+
+
+# --- kills -----------------------------------------------------------------------------------------------------------
+
+
+def parting(*properties: Any) -> tca.Scenario:
+    """A walk that is killed some time after its planning, and leaves things safe."""
+    scenario = tca.Scenario("parting", *properties)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task) -> None:
+        task.ref.on_termination(REST)
+        task.ref.kill(after=task.planning.end, delay=1.0)
+        task.command(STEP)
+
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    scenario.module("couch").handles(REST)(lambda _: None)
+    scenario.module("user").does(lambda me: me.goal(WALK).wait())
+    return scenario
+
+
+def walk_is_over(world: tca.World) -> list[tca.Seen]:
+    return [seen for seen in world.tasks if seen.message == WALK.name and seen.is_killed and seen.is_over]
+
+
+def test_what_is_killed_leaves_things_safe() -> None:
+    good(parting(), before(achieved(REST), walk_is_over), before(killed(WALK), sent(REST)), never_stuck())
+    found(parting(), never(killed(WALK)))
+    found(parting(), never(achieved(WALK)))
+
+
+def test_a_monitor_that_others_put_under_a_task_ends_with_it() -> None:
+    scenario = tca.Scenario("watched from outside")
+    legs, user, watcher = scenario.module("legs"), scenario.module("user"), scenario.module("watcher")
+    legs.handles(STEP)(lambda _: None)
+    scenario.module("body").handles(IS_LOW)(lambda _: False)
+    user.does(lambda me: me.command(STEP).wait())
+    too_late = []
+
+    @watcher.does
+    def watch(me: tca.Script) -> None:
+        for step in me.tasks(STEP):
+            try:
+                me.under(step).monitor(GAUGE, period=1.0).id  # noqa: B018
+            except Refused as refused:
+                too_late.append(refused.text)
+
+    good(scenario, eventually(achieved(STEP)), never_stuck())
+    assert "nothing can be added under it" in too_late[0]
+    found(scenario, never(achieved(GAUGE)))

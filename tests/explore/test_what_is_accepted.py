@@ -1,0 +1,437 @@
+"""What central has accepted it does, or says why not: whatever comes in between. Nobody may be left waiting, either.
+
+A small scenario for each request; for those of a task one (accepting.py) and a table of what *kept* means. Not here is
+what central is never asked for: timers and later replies are a module's own, and direct messages go from module to
+module. What is asked for is in test_what_is_given.py.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import pytest
+from explore.accepting import BETWEEN, EVER, HELP, LOST, at_once, holds, over, robot, those
+from explore.scenarios import (
+    BATTERY,
+    GAUGE,
+    IS_LOW,
+    LIFT,
+    NOTE,
+    RECHARGE,
+    REST,
+    SLIPPED,
+    STEP,
+    WALK,
+    nothing,
+    slips_or_not,
+)
+from sampling import one_in
+
+import tca_tools.explore as tca
+from tca_module import Condition, Scope, this
+from tca_module.sending.task_ref import TaskRef
+from tca_tools.explore import (
+    accepted,
+    achieved,
+    at_most_in_all,
+    before,
+    begun,
+    eventually,
+    failed,
+    fired,
+    killed,
+    never,
+    sent,
+    within,
+)
+from tca_wire.messages.controls import DemonMonitor, PointMonitor
+from tca_wire.points import Moment
+
+ROCKS = DemonMonitor("rocks", set_up=REST, action=NOTE)
+GROUND = PointMonitor("ground", condition=IS_LOW, action=RECHARGE)
+
+SOAKED_LOSS = pytest.param(LOST, marks=pytest.mark.soak)
+
+
+def later(task: tca.Task) -> Any:
+    """After the handler of a task has returned."""
+    return task.handling.end <= this.achieving.start
+
+
+# --- wiretaps and exception handlers ---------------------------------------------------------------------------------
+
+
+def has(moment: Moment) -> Callable[[tca.World], list[tca.Seen]]:
+    """Rests that have come to that moment, and were not killed."""
+    return lambda world: [rest for rest in those(world, REST) if rest.has(moment) and not rest.is_killed]
+
+
+COMES_TRUE: dict[Condition, Callable[[tca.World], object]] = {
+    Condition.WHEN_SENT: sent(REST),
+    Condition.BEFORE_HANDLING: begun(REST),
+    Condition.WHILE_HANDLING: begun(REST),
+    Condition.AFTER_HANDLED: has(Moment.END_HANDLING),
+    Condition.AFTER_SUCCESS: has(Moment.END_HANDLING),
+    Condition.WHEN_SUCCESS: has(Moment.END_HANDLING),
+    Condition.AFTER_FAILURE: failed(REST),
+    Condition.WHEN_FAILURE: failed(REST),
+    Condition.BEFORE_PLANNING: has(Moment.START_PLANNING),
+    Condition.WHILE_PLANNING: has(Moment.START_PLANNING),
+    Condition.AFTER_PLANNED: has(Moment.END_PLANNING),
+    Condition.WHEN_PLANNED: has(Moment.END_PLANNING),
+    Condition.BEFORE_ACHIEVING: has(Moment.START_ACHIEVING),
+    Condition.WHILE_ACHIEVING: has(Moment.START_ACHIEVING),
+    Condition.AFTER_ACHIEVED: achieved(REST),
+    Condition.WHEN_ACHIEVED: achieved(REST),
+    Condition.WHEN_KILLED: killed(REST),
+}
+
+
+def tapped(title: str, tap: Callable[[tca.Script], object]) -> tca.Scenario:
+    """A rest that may fail, be killed, or be lost with its couch; somebody listens."""
+    scenario = tca.Scenario(title)
+    scenario.module("couch", may_be_lost=1, comes_back=True).handles(REST)(slips_or_not)
+    ear = scenario.module("ear")
+    for listener in (LIFT, WALK):
+        ear.handles(listener)(nothing)
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        tap(me)
+        me.goal(REST)
+
+    scenario.may_kill(REST)
+    return scenario
+
+
+@pytest.mark.parametrize(
+    "condition", [pytest.param(one, marks=[pytest.mark.soak] * (at % 8 > 0)) for at, one in enumerate(COMES_TRUE)]
+)
+def test_a_wiretap_is_fired_when_its_condition_comes_true(condition: Condition) -> None:
+    listener = (
+        WALK if condition in (Condition.BEFORE_PLANNING, Condition.WHEN_PLANNED) else LIFT
+    )  # a goal has planning to hold
+    scenario = tapped(condition, lambda me: me.tap(condition, REST, listener))
+    holds(scenario, before(fired(listener), COMES_TRUE[condition]), eventually(accepted("tap")))
+
+
+def test_a_wiretap_that_was_removed_is_not_fired() -> None:
+    scenario = tapped("removed", lambda me: me.tap(Condition.WHEN_SENT, REST, LIFT).remove())
+    holds(scenario, never(sent(LIFT)), eventually(accepted("remove")))
+
+
+def helped(task: tca.Task) -> None:
+    if task.trouble.attempts > 1:
+        raise task.trouble.reissue()
+    task.trouble.failing.retry()
+
+
+def helps_who_is_alone(world: tca.World) -> list[tca.Seen]:
+    return [one for one in those(world, HELP) if (step := world.parent(one)) is not None and step.data == "alone"]
+
+
+def test_an_exception_handler_is_called_until_it_is_removed() -> None:
+    """Of a failure of its own, and of a module that is lost; once only."""
+    scenario = tca.Scenario("help")
+    scenario.module("legs", **LOST).handles(STEP)(slips_or_not)
+    scenario.module("others").handles(HELP)(helped)
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        attached = me.on_failure(None, HELP, of=STEP)
+        if me.choose("keeps it", "removes it") == "keeps it":
+            me.command(STEP, "helped")
+        else:
+            attached.remove()
+            me.command(STEP, "alone")
+
+    holds(
+        scenario,
+        before(begun(HELP), failed(STEP, "helped")),
+        never(helps_who_is_alone),
+        within(EVER, accepted("remove"), over(STEP, "alone")),
+    )
+
+
+# --- monitors --------------------------------------------------------------------------------------------------------
+
+
+def low(task: tca.Task) -> bool:
+    return bool(task.choose(True, False))
+
+
+def watched(watch: Callable[[tca.Script], object], **battery: Any) -> tca.Scenario:
+    """Somebody watches a battery, which is asked and charged by others."""
+    scenario = tca.Scenario("watched")
+    scenario.module("battery", **battery).handles(IS_LOW)(low)
+    dock = scenario.module("dock")
+    for message in (RECHARGE, NOTE, REST):
+        dock.handles(message)(nothing)
+    scenario.module("user").does(lambda me: [watch(me)])
+    return scenario
+
+
+def watching(world: tca.World) -> list[tca.Seen]:
+    """Monitors that are to act some time: none was killed, or has ended."""
+    return [one for one in world.tasks if one.message_class.is_monitor and not (one.is_killed or one.is_over)]
+
+
+MONITORS: dict[str, tuple[Any, Callable[[tca.Script], Any], list[Any]]] = {
+    "once": (GROUND, lambda me: me.monitor(GROUND), [at_most_in_all(1, sent(IS_LOW))]),
+    "for 2.5 s": (
+        BATTERY,
+        lambda me: me.monitor(BATTERY, period=1.0, duration=2.5, maximum=1),
+        [within(2.5, sent(BATTERY), lambda world: not watching(world) or over(BATTERY)(world))],
+    ),
+    "until the end of a rest": (
+        GAUGE,
+        lambda me: me.monitor(GAUGE, period=1.0, until=me.goal(REST).achieving.end),
+        [within(EVER, achieved(REST), lambda world: not watching(world))],
+    ),
+}
+
+
+@pytest.mark.parametrize("battery", [{}, SOAKED_LOSS], ids=["", "and a loss"])
+@pytest.mark.parametrize("name", MONITORS)
+def test_a_monitor_watches_as_long_as_was_said(name: str, battery: dict[str, Any]) -> None:
+    """Or it is killed: by somebody, or because what answers its condition is lost, which is a failure of its own."""
+    monitor, watch, properties = MONITORS[name]
+    scenario = watched(watch, **battery)
+    scenario.may_kill(monitor)
+    holds(scenario, eventually(over(monitor)), *properties)
+
+
+def sends_a_step(me: tca.Script) -> None:
+    me.command(STEP)
+
+
+def test_a_monitor_that_is_ended_acts_no_more() -> None:
+    """Also one that somebody else has put under a task that runs."""
+    scenario = watched(sends_a_step)
+    scenario.module("legs").handles(STEP)(nothing)
+
+    @scenario.module("watcher").does
+    def watch(me: tca.Script) -> None:
+        for step in me.tasks(STEP):
+            me.under(step).monitor(BATTERY, period=1.0, maximum=1).end()
+
+    scenario.may_kill(STEP)
+    holds(
+        scenario,
+        within(EVER, accepted("end"), over(BATTERY)),
+        eventually(over(STEP)),
+    )
+
+
+def test_a_monitor_that_is_ended_before_it_began_never_asks() -> None:
+    scenario = watched(lambda me: [me.goal(WALK)])
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task) -> None:
+        task.monitor(BATTERY, period=1.0, maximum=1, constraints=[later(task)]).end()
+
+    scenario.may_kill(WALK)
+    scenario.may_suspend(WALK)
+    holds(scenario, never(sent(IS_LOW)), within(EVER, accepted("end"), over(BATTERY)))
+
+
+def test_a_fire_that_is_accepted_sends_the_action() -> None:
+    def watch(me: tca.Script) -> None:
+        rocks = me.monitor(ROCKS, maximum=2)
+        assert rocks.fire(NOTE, "a rock") in (True, False)
+        rocks.fire(NOTE, "another")
+
+    scenario = watched(watch)
+    scenario.may_kill(ROCKS)
+    holds(scenario, at_once("fire", fired(NOTE)), within(EVER, fired(NOTE), over(NOTE)))
+
+
+# --- order and time --------------------------------------------------------------------------------------------------
+
+
+def two_steps(plan: Callable[[tca.Task], None], **legs: Any) -> tca.Scenario:
+    """A walk of two steps that might be done at the same time. One of them is killed, or lost."""
+    scenario = tca.Scenario("two steps")
+    scenario.module("planner").handles(WALK)(plan)
+    scenario.module("legs", **legs).handles(STEP)(nothing)
+    scenario.module("ear").handles(NOTE)(nothing)
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        me.goal(WALK)
+
+    if "may_be_lost" not in legs:
+        scenario.may_kill(STEP)
+    return scenario
+
+
+def constrained(task: tca.Task) -> None:
+    first = task.command(STEP, 1)
+    second = task.command(STEP, 2, sequential=False, constraints=[later(task)])
+    task.constrain(first.achieving.end <= second.achieving.start)
+
+
+def with_delay(task: tca.Task) -> None:
+    first = task.command(STEP, 1)
+    task.command(STEP, 2, sequential=False, constraints=[first.handling.end + 1.0 <= this.achieving.start])
+
+
+def with_priority(task: tca.Task) -> None:
+    for number in (1, 2):
+        task.command(STEP, number, sequential=False, priority=number, constraints=[later(task)])
+
+
+def second_is_ahead(world: tca.World) -> bool:
+    """The second was begun, or it never will be."""
+    return any(step.is_begun or step.is_killed for step in those(world, STEP, data=2))
+
+
+@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "a loss"])
+def test_a_constraint_added_later_holds(legs: dict[str, Any]) -> None:
+    holds(two_steps(constrained, **legs), before(over(STEP, 1), begun(STEP, 2)))
+
+
+@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "a loss"])
+def test_what_is_delayed_comes_in_the_end(legs: dict[str, Any]) -> None:
+    holds(
+        two_steps(with_delay, **legs),
+        within(1.0, over(STEP, 1), lambda world: second_is_ahead(world) or not those(world, STEP, data=2)),
+        eventually(over(WALK)),
+    )
+
+
+@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["a kill", "a loss"])
+def test_who_has_priority_is_first(legs: dict[str, Any]) -> None:
+    holds(two_steps(with_priority, **legs), before(second_is_ahead, begun(STEP, 1)))
+
+
+@pytest.mark.parametrize(
+    ("legs", "ends", "word"),
+    [({}, killed(STEP), "killed"), pytest.param(LOST, failed(STEP), "failed", marks=pytest.mark.soak)],
+    ids=["a kill", "a loss"],
+)
+def test_who_waits_for_a_moment_is_told_how_the_task_stands(legs: dict[str, Any], ends: Any, word: str) -> None:
+    def plan(task: tca.Task) -> None:
+        step = task.command(STEP, 1)
+        task.inform(NOTE, str(step.wait_for(step.handling.end)))
+
+    holds(
+        two_steps(plan, **legs),
+        before(achieved(STEP), sent(NOTE, "done")),
+        before(ends, sent(NOTE, word)),
+        within(EVER, accepted("wait_for"), sent(NOTE)),
+    )
+
+
+@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["a kill", "a loss"])
+def test_what_is_kept_is_remembered_until_it_is_let_go(legs: dict[str, Any]) -> None:
+    def plan(task: tca.Task) -> None:
+        step = task.command(STEP, 1)
+        step.keep()
+        step.wait()
+        task.inform(NOTE, step.info() is not None)
+        step.release()
+        task.inform(NOTE, step.info() is None)
+
+    known = lambda world: sent(NOTE, True)(world) or over(WALK)(world)  # noqa: E731
+    holds(two_steps(plan, **legs), never(sent(NOTE, False)), within(EVER, accepted("keep"), known))
+
+
+# --- of a task: a table of what *kept* means of each -----------------------------------------------------------------
+
+
+class Request(NamedTuple):
+    """Something that is asked of a step, and when it is kept."""
+
+    call: str
+    ask: Callable[[Any, TaskRef], object]
+    kept: Callable[[tca.World], object]
+    seconds: float = 0
+    """How long after; 0: at once."""
+
+
+def gone(world: tca.World) -> bool:
+    """No step is left that was not killed."""
+    return all(one.is_killed or one.is_over for one in those(world, STEP))
+
+
+def parted(world: tca.World) -> bool:
+    """It ended unharmed, or was killed before it began, or what leaves things safe is done before its end."""
+    ended = those(world, STEP, "is_over")
+    return bool(those(world, LIFT, "is_over")) or any(not (one.is_killed and one.is_begun) for one in ended)
+
+
+def timed_out(world: tca.World) -> bool:
+    return gone(world) or any(one.failure == "timeout" for one in those(world, STEP))
+
+
+def handled_again(world: tca.World) -> bool:
+    return gone(world) or bool(those(world, STEP, "is_handled", data="again"))
+
+
+def is_held(world: tca.World) -> bool:
+    return gone(world) or bool(those(world, STEP, "is_suspended"))
+
+
+def has_failed(world: tca.World) -> bool:
+    return gone(world) or bool(those(world, HELP) or those(world, STEP, "failure"))
+
+
+def suspend_and_resume(_: Any, step: TaskRef) -> None:
+    step.suspend()
+    step.resume()
+
+
+def kill_all_under_the_walk(_: Any, step: TaskRef) -> None:
+    if (walk := step.parent()) is not None:
+        walk.kill(scope=Scope.DESCENDANTS)
+
+
+REQUESTS = {
+    "kill": Request("kill", lambda _, step: step.kill(), gone),
+    "kill in 1 s": Request("kill", lambda _, step: step.kill(delay=1.0), gone, 1.0),
+    "kill after its handling": Request("kill", lambda _, step: step.kill(after=step.handling.end), gone, EVER),
+    "kill of all beside it": Request(
+        "kill", lambda me, _: me.command(LIFT, sequential=False).kill(scope=Scope.SIBLINGS), gone
+    ),
+    "kill of all under the task above": Request("kill", kill_all_under_the_walk, gone),
+    "on termination": Request("on_termination", lambda _, step: step.on_termination(LIFT), parted, EVER),
+    "deadline": Request("deadline", lambda _, step: step.deadline(5.0), timed_out, 5.0),
+    "retry": Request("retry", lambda _, step: step.retry(STEP, "again"), handled_again, EVER),
+    "suspend": Request("suspend", suspend_and_resume, is_held),
+    "resume": Request("resume", suspend_and_resume, gone, EVER),
+    "failure": Request("fail", lambda _, step: step.fail(SLIPPED(text="seen from afar")), has_failed),
+}
+
+
+@pytest.mark.parametrize(("name", "between"), one_in(6, REQUESTS, BETWEEN))
+def test_what_is_asked_of_a_task(name: str, between: str) -> None:
+    request = REQUESTS[name]
+    ends_it = between in ("loss of who asked", "loss of who handles it")
+    is_timed = 0 < request.seconds < EVER and not ends_it
+    scenario = robot(name, request.ask, BETWEEN[between] + ", last" * is_timed)
+    properties = [within(request.seconds, accepted(request.call), request.kept)]
+    if not request.seconds:
+        properties.append(at_once(request.call, request.kept))
+    holds(scenario, *properties)
+
+
+def killed_and_over(world: tca.World) -> list[tca.Seen]:
+    return those(world, STEP, "is_killed", "is_over")
+
+
+def test_what_a_handler_keeps_for_its_termination_is_done_before_its_end() -> None:
+    """Also where the kill came first, and the handler did not know yet."""
+    scenario = tca.Scenario("a brake that was asked for is used")
+    motor, brake, user = scenario.module("motor"), scenario.module("brake"), scenario.module("user")
+
+    @motor.handles(STEP)
+    def spin(task: tca.Task) -> None:
+        task.ref.on_termination(LIFT)
+
+    brake.handles(LIFT)(lambda _: None)
+
+    @user.does
+    def story(me: tca.Script) -> None:
+        me.command(STEP).kill()
+
+    holds(scenario, before(begun(LIFT), killed_and_over))

@@ -1,0 +1,93 @@
+"""``tca run`` as a process, its robot's file, and what it says."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from module.real_central import until
+
+from tca_tools.supervise import guard
+
+SOON = 30.0
+HASTY = "[run]\ndelay = 0.05\nlongest_delay = 0.2\ngrace = 20\n"
+NO_CENTRAL = "[central]\nstart = false\naddress = 'ipc:///nowhere'\n"
+
+
+class Running:
+    """A robot that runs."""
+
+    def __init__(self, folder: Path, text: str, *options: str) -> None:
+        (folder / "robot.toml").write_text(text)
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "tca_tools.supervise", *options, str(folder / "robot.toml")], text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        self.said = ""
+        self.groups: dict[str, int] = {}  #: the newest process of each program
+
+    def hear(self, pattern: str) -> re.Match[str]:
+        """Read on until a line has a pattern."""
+        assert self.process.stdout
+        too_late = threading.Timer(SOON, self.process.kill)
+        too_late.start()
+        try:
+            for line in self.process.stdout:
+                self._take(line)
+                if found := re.search(pattern, line):
+                    return found
+        finally:
+            too_late.cancel()
+        raise AssertionError(f"no {pattern!r} in\n{self.said}")
+
+    def _take(self, line: str) -> None:
+        self.said += line
+        if started := re.search(r"\| (\S+) started \(process (\d+)\)", line):
+            self.groups[started[1]] = int(started[2])
+
+    def signal(self, number: signal.Signals) -> None:
+        self.process.send_signal(number)
+
+    def end(self) -> tuple[int, str]:
+        """Wait for its end: exit code, and what it said on standard error."""
+        out, errors = self.process.communicate(timeout=SOON)
+        for line in out.splitlines(keepends=True):
+            self._take(line)
+        return self.process.returncode, errors
+
+    def leaves_nothing(self) -> None:
+        """Wait until no process that it has started lives."""
+        for name, group in self.groups.items():
+            _await_end(name, group)
+
+
+def _await_end(name: str, group: int) -> None:
+    until(lambda: not guard.is_alive(group), f"{name} has ended")
+
+
+@contextmanager
+def robot(folder: Path, text: str, *options: str) -> Iterator[Running]:
+    running = Running(folder, text, *options)
+    try:
+        yield running
+    finally:
+        if running.process.poll() is None:
+            running.process.kill()
+        running.process.communicate()
+        for group in running.groups.values():
+            guard.send(group, signal.SIGKILL)
+
+
+def guards_of(process: int) -> list[int]:
+    """The guard that a ``tca run`` has now."""
+    children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    return [int(child) for child in children if "guard.py" in Path(f"/proc/{child}/cmdline").read_text()]
+
+
+def kill(process: int, number: signal.Signals = signal.SIGKILL) -> None:
+    os.kill(process, number)

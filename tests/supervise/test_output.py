@@ -1,0 +1,67 @@
+"""Many programs on one screen: whole lines, by name; and none waits for a reader."""
+
+import asyncio
+import os
+import threading
+from pathlib import Path
+
+from module.real_central import until
+
+from tca_tools.supervise.output import LONGEST_LINE, MOST_WAITING, Lines, Output
+
+
+def test_lines_are_whole_or_cut() -> None:
+    async def lines() -> tuple[list[bytes], list[bytes]]:
+        told: list[bytes] = []
+        made = Lines(told.append)
+        for data in (b"one\ntw", b"o\r\n\n", b"x" * (LONGEST_LINE + 1) + b"\n", b"no end"):
+            made.data_received(data)
+        made.connection_lost(None)
+        await made.over
+        return told, list(made.last)
+
+    told, last = asyncio.run(lines())
+    assert told == [b"one", b"two", b"", b"x" * (LONGEST_LINE + 1), b"no end"]
+    assert last == told
+
+
+def test_a_line_without_an_end_is_told_in_pieces() -> None:
+    async def pieces() -> list[int]:
+        told: list[bytes] = []
+        Lines(told.append).data_received(b"x" * (2 * LONGEST_LINE + 5))
+        return [len(piece) for piece in told]
+
+    assert asyncio.run(pieces()) == [LONGEST_LINE, LONGEST_LINE]
+
+
+def test_each_line_has_its_name(tmp_path: Path) -> None:
+    for in_colour, first in ((False, b"run  | hello\n"), (True, b"\x1b[36mrun  | \x1b[0mhello\x1b[0m\n")):
+        with (tmp_path / "screen").open("wb") as screen:
+            output = Output(["run", "legs"], screen.fileno(), in_colour=in_colour)
+            output.start()
+            output.put("run", b"hello")
+            output.put("legs", b"x\xff")
+            output.close(10)
+        assert (tmp_path / "screen").read_bytes().startswith(first)
+
+
+def test_a_reader_that_stands_still_holds_nobody_back_and_is_told_what_it_missed() -> None:
+    read, write = os.pipe()
+    output = Output(["run"], write, in_colour=False)
+    output.start()
+    line, sent = b"x" * 1000, 0
+    while not output._dropped:
+        output.put("run", line)
+        sent += 1
+    assert sent < 2 * MOST_WAITING / len(line) + 200
+    heard = bytearray()
+    reader = threading.Thread(target=lambda: heard.extend(b"".join(iter(lambda: os.read(read, 1 << 20), b""))))
+    reader.start()
+    until(lambda: not output._waiting, "all is taken")
+    output.put("run", b"again")
+    output.close(10)
+    os.close(write)
+    reader.join()
+    os.close(read)
+    assert b"1 lines of all programs were dropped" in heard
+    assert heard.endswith(b"again\n")

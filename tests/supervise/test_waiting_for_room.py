@@ -1,0 +1,32 @@
+"""A central whose disk is full is no central that crashes."""
+
+import asyncio
+import os
+from pathlib import Path
+
+from tca_tools.supervise.output import Output
+from tca_tools.supervise.robot_file import CENTRAL, Launch, Limits
+from tca_tools.supervise.supervised import Supervised
+from tca_wire.vocabulary import DISK_FULL
+
+STARTS = 4
+
+
+def test_central_without_room_is_started_until_there_is(tmp_path: Path) -> None:
+    """Here there is room whenever one looks, and not when central starts; one crash would end all."""
+    script = f'echo >>starts; test "$(wc -l <starts)" -eq {STARTS} || exit {DISK_FULL}'
+    program = Launch(
+        name=CENTRAL, command=["sh", "-c", script], cwd=tmp_path, env=dict(os.environ), journal=tmp_path / "run",
+        restart="never", limits=Limits(restarts=0, delay=0.0),
+    )  # fmt: skip
+    told: list[str] = []
+    nothing = os.open(os.devnull, os.O_WRONLY)
+    kept = Supervised(program, Output([CENTRAL], nothing, in_colour=False), told.append, nothing)
+    asyncio.run(kept.keep(asyncio.Event(), asyncio.Event()))
+    os.close(nothing)
+    assert kept.code == 0
+    assert [line.split(" (")[0] for line in told[:2]] == [
+        "central started",
+        f"central waits for room on the disk of {tmp_path / 'run'}",
+    ]
+    assert len((tmp_path / "starts").read_text()) == STARTS

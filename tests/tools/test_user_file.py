@@ -1,0 +1,62 @@
+"""A file of the user's is run as python runs it: it can import what lies beside it."""
+
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tca_tools.user_file import CannotRun, names_of
+
+
+@pytest.fixture(autouse=True)
+def _python_as_it_was() -> Iterator[None]:
+    path, modules = list(sys.path), set(sys.modules)
+    yield
+    sys.path[:] = path
+    for name in sys.modules.keys() - modules:
+        del sys.modules[name]
+
+
+def write(folder: Path, **files: str) -> Path:
+    folder.mkdir(exist_ok=True)
+    for name, text in files.items():
+        (folder / f"{name}.py").write_text(text)
+    return folder / "scenario.py"
+
+
+def test_what_lies_beside_it_can_be_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wherever the command is called from, also by a link, also only when one of its functions is called."""
+    text = "from legs import LEGS\ndef later():\n    import arms\n    return arms.ARMS"
+    path = write(tmp_path / "robot", scenario=text, legs="LEGS = 6", arms="ARMS = 2")
+    (tmp_path / "link.py").symlink_to(path)
+    monkeypatch.chdir(tmp_path)
+    for one in (path, Path("robot/scenario.py"), Path("link.py")):
+        names = names_of(one)
+        assert (names["LEGS"], names["later"]()) == (6, 2)
+
+
+def test_what_lay_beside_an_earlier_file_is_not_taken_for_its_own(tmp_path: Path) -> None:
+    """Properties of two robots are checked at once, and each robot has its messages.py."""
+    for robot, legs in (("ambler", 6), ("dog", 4), ("ambler", 6)):
+        path = write(tmp_path / robot, scenario="from messages import LEGS", messages=f"LEGS = {legs}")
+        (tmp_path / robot / "parts").mkdir(exist_ok=True)
+        (tmp_path / robot / "parts" / "head.py").write_text(f"EYES = {legs}")
+        path.write_text("from messages import LEGS\nfrom parts.head import EYES")
+        names = names_of(path)
+        assert (names["LEGS"], names["EYES"]) == (legs, legs)
+    assert str((tmp_path / "dog").resolve()) not in sys.path
+
+
+def test_what_everybody_imports_stays_one(tmp_path: Path) -> None:
+    names_of(write(tmp_path / "one", scenario="import tca_wire.vocabulary"))
+    known = sys.modules["tca_wire.vocabulary"], os.path
+    names_of(write(tmp_path / "two", scenario=""))
+    assert (sys.modules["tca_wire.vocabulary"], os.path) == known
+
+
+def test_an_error_says_where(tmp_path: Path) -> None:
+    path = write(tmp_path, scenario="\nimport messages", messages="1 / 0")
+    with pytest.raises(CannotRun, match=r"scenario.py, line 2: can't be run: ZeroDivisionError: division by zero"):
+        names_of(path)
