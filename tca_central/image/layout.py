@@ -2,7 +2,7 @@
 
 An image names classes and attributes, and only those listed here are read or written. Whoever adds an attribute to a
 class of the state adds it here, raises FORMAT if an image of a released version can't be read any more, and writes the
-frozen layout anew (tests/central/test_image_layout.py).
+frozen layout anew (tests/central/test_images.py).
 """
 
 from collections import OrderedDict, deque

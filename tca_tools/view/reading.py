@@ -157,7 +157,7 @@ class Reading:
         return found
 
     def _read(self) -> None:
-        gc.disable()  # see garbage.py; here until all has been read that there is
+        gc.disable()  # as in journal/fold.py, until all has been read that there is
         self._look_who_writes()
         try:
             for entry, place in self.log.follow_places(self._pause):

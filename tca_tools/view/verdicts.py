@@ -1,4 +1,4 @@
-"""Whether the run went on after each failure, told anew whenever that changes. Pure; run/fates.py decides."""
+"""Whether the run went on after each failure, told anew whenever that changes. Pure; journal/fates.py decides."""
 
 from collections.abc import Iterable, Iterator
 

@@ -135,7 +135,7 @@ def test_the_short_pieces_run(cart: Cart) -> None:
 
 def test_a_task_that_runs_once_and_the_test_of_a_task() -> None:
     names: dict[str, Any] = {**vars(tca_behaviours.missions), "__name__": __name__}
-    for beginning in ("from tca_behaviours.missions import Environment, Mission", "class OpenDoor("):
+    for beginning in ("from tca_behaviours.missions import (\n    Environment,\n    Mission,", "class OpenDoor("):
         exec(block("task-servers.md", beginning), names)
     exec(block("task-servers.md", "from tca_module import connect\n"), names)
     with LocalCentral(stepped=True) as central, connect("test", central) as user:

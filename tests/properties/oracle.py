@@ -9,7 +9,7 @@ given, in the order of priority and arrival, told those who waited for a point, 
 
 What the rules leave open is taken from central (``Seen``): ids of what it makes itself; which of those that came to wait
 at the same time is first; which slot of several. So is what central calls a deadlock (test_deadlocks.py judges that). Left
-out are pending limits and variables (what gives way is a rule of queues, which test_central_properties.py holds), and
+out are pending limits and variables (what gives way is a rule of queues, which transcripts/pending_limits.txt holds), and
 which of two timers is first that are due at the very same time: lives for the oracle have none. What central refuses is
 not judged, and changes nothing.
 

@@ -1,0 +1,55 @@
+"""Pages, docstrings and comments name only files that exist."""
+
+import ast
+import io
+import re
+import subprocess
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+NAME = re.compile(r"(?<![\w/.*{<-])((?:[\w.-]+/)*[\w-]+\.(?:py|md|js|css|html|sh|toml|cfg|txt))\b(?![\w*/(])")
+OF_USERS = {
+    "FILE.py", "MODEL.toml", "arm.py", "cart_server.py", "notes.txt", "run.html", "to_and_fro.py",
+}  # fmt: skip
+"""Files that pages let their readers write."""
+HISTORY = {"CHANGELOG.md", "docs/decisions/0106-five-packages.md"}
+"""Pages that name what has gone."""
+
+
+def tracked() -> list[str]:
+    found = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
+    return [name for name in found if (ROOT / name).is_file()]
+
+
+def prose(path: Path) -> Iterator[str]:
+    """The sentences of a page, or the comments and docstrings of a program."""
+    text = path.read_text()
+    if path.suffix == ".md":
+        yield re.sub(r"^```.*?^```$|^    [^\n]*$", "", text, flags=re.MULTILINE | re.DOTALL)
+        return
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.string
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            yield ast.get_docstring(node) or ""
+
+
+def test_files_named_in_prose_exist() -> None:
+    names = tracked()
+    if not names:
+        pytest.skip("this is no git checkout")
+    ends = {"/".join(parts[start:]) for parts in (name.split("/") for name in names) for start in range(len(parts))}
+    missing = {
+        (name, found)
+        for name in names
+        if name.endswith((".md", ".py")) and name not in HISTORY
+        for text in prose(ROOT / name)
+        for found in NAME.findall(text)
+        if re.sub(r"^(\.\.?/)+", "", found) not in ends | OF_USERS
+    }
+    assert missing == set()
