@@ -161,7 +161,7 @@ def pop_losses(slot: Connection, delivery: Delivery) -> str:
 
 
 def suspect_kept_claims(central: State, delivery: Delivery) -> None:
-    """A handler has returned without releasing its claims: they now last until the end of the task."""
+    """A handler has returned without releasing its claims: they now last until its task ends or is handled again."""
     if central.claimed_for:
         central.suspects.extend(claim for claim in central.claimed_for.get(delivery, ()) if claim.is_granted)
 

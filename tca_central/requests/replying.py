@@ -91,6 +91,8 @@ def _return(
     elif central.agenda.end_or_retry(delivery):
         if delivery.killed:
             end_claims_of(central, delivery, "it was killed")
+        else:
+            suspect_kept_claims(central, delivery)
     else:
         result = b"" if body == NIL and delivery.failure is None else body  # a resolved task may have none
         central.tree.grow(delivery, len(result) - len(delivery.result))

@@ -94,9 +94,9 @@ def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], st
             for since, until in spans
         ]
 
-    capacity, waits = capacity_of(run, key), [one.waits for one in handled if one.waits]
+    capacity = capacity_of(run, key)
     busy = _length(clipped((one.start, one.end) for one in handled))
-    waiting = sum(Cover(clipped((wait.start, wait.end) for wait in some)).total for some in waits)
+    waiting = sum(Cover(clipped(_waits_in(one))).total for one in handled if one.waits)
     share = min(busy / (capacity * (end - start)), 1.0) if end > start else 0.0
     lines = clipped((one.start, one.end) for one in queued)
     longest_queue = most_at_once(lines)
@@ -106,6 +106,14 @@ def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], st
         key, place(*key), capacity, len(handled), busy, waiting, share, len(queued), _length(lines), longest_queue,
         longest_wait, Cover(locks).total, (start, end),
     )  # fmt: skip
+
+
+def _waits_in(handling: Handling) -> Iterator[tuple[float, float | None]]:
+    """The waits of a handler, until it returned: a program may give one up later."""
+    for wait in handling.waits:
+        end = min((one for one in (wait.end, handling.end) if one is not None), default=None)
+        if end is None or wait.start < end:
+            yield wait.start, end
 
 
 def _locked_while_there(run: Run, key: Key) -> Iterator[tuple[float, float | None]]:

@@ -233,7 +233,6 @@ def resolve(handler: Node) -> None:
 
 def retry(world: World, node: Node) -> None:
     """Let a task that was started be handled once more; then it is like one that is new."""
-    world.spared.discard(node)
     node.again, node.wanted, node.returned = True, True, False
     node.fired -= oracle_taps.to_come(world, node)
     node.waiting = False

@@ -276,6 +276,7 @@ def _consider_start(world: World, node: Node, held: set[tuple[int, Moment]], chi
     if node.waiting:
         return False
     node.waiting = True
+    world.spared.discard(node)  # it has come to wait again
     if node.again:
         node.again, node.recovering, node.given_as = False, None, 0
         oracle_locks.end_for(world, node)

@@ -35,42 +35,47 @@ def free_slots(world: World) -> dict[Resource, set[str]]:
 
 
 def give(world: World) -> bool:
-    """Give slots to those who are next, as central did; whether there was anyone. What may start at the same time is
-    started together: only then follows what follows from that.
+    """Give slots to those who are next, as central did; whether there was anyone. What became startable now is started
+    together: only then follows what follows from that. What waited in a queue is given one after the other.
     """
     choices = _choices(world)
     if not choices:
         return False
-    if not _give_next(world, choices):
+    given = _give_next(world, choices)
+    if given is None:
         said = ", ".join(f"{one.id} to {sorted(slots)}" for one, slots in choices.items())
         what = world.seen.given[0] if world.seen.given else "nothing"
         raise Disagreement(f"central gives {what} where these are next: {said}")
-    while _give_next(world, _choices(world)):
-        pass
+    while given is not None and _is_new(world, given):
+        given = _give_next(world, {one: slots for one, slots in _choices(world).items() if _is_new(world, one)})
     return True
+
+
+def _is_new(world: World, one: Job | Claim) -> bool:
+    return isinstance(one, Job) and one.since == (world.step, world.round)
 
 
 def give_messages(world: World) -> None:
     """Messages that are no tasks may be given away as they are sent, before anything else follows."""
-    while _give_next(world, {job: slots for job, slots in _choices(world).items() if type(job) is Job}):
+    while _give_next(world, {job: slots for job, slots in _choices(world).items() if type(job) is Job}) is not None:
         pass
 
 
-def _give_next(world: World, choices: Choices) -> bool:
-    """Deliver or grant what central did next, if that is right."""
+def _give_next(world: World, choices: Choices) -> Job | Claim | None:
+    """Deliver or grant what central did next, if that is right; what that is."""
     fact, slot = world.seen.given[0] if world.seen.given else (None, "")
     for one, slots in choices.items():
         if isinstance(one, Claim):
             if isinstance(fact, facts.Granted) and one.id == fact.id:
                 one.granted = True
                 del world.seen.given[0]
-                return True
+                return one
         elif isinstance(fact, facts.Delivered) and one.id == fact.message_id and slot in slots:
             one.given_as = fact.id
             _deliver(world, one, slot, nested=slots[slot])
             del world.seen.given[0]
-            return True
-    return False
+            return one
+    return None
 
 
 def _choices(world: World) -> Choices:

@@ -4,7 +4,7 @@ nothing is left. No wait for ever is overlooked, whoever keeps what others need,
 
 import pytest
 from central.player import Player, point
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.life import Life
 from properties.test_deadlocks import HANDLED, Blocking, free_handlers
@@ -120,7 +120,12 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
     come_to_an_end(life)
 
 
+KEPT_FOR_A_RETRY = [("send", 0, 0, 0), ("lock", 0, 1, 0), ("attach", 1, 0, 0), ("raise", 0, 0, 1), ("retry", 0, 0, 0)]
+"""A task that is to be handled again, after its exception handler, keeps the resource of that handler."""
+
+
 @given(steps)
+@example(KEPT_FOR_A_RETRY)
 @settings(max_examples=40)
 def test_whatever_happens_everything_ends(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from central.player import Player
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from properties.life import Life, operation
@@ -30,6 +30,7 @@ def test_exports_of_a_random_life(operations: list[tuple[str, int, int, int, int
 
 
 @given(st.integers(0, 1 << 32), st.integers(1, 5))
+@example(900, 1)  # a program gives a wait up long after its handler has returned
 @settings(max_examples=2)
 def test_exports_of_a_longer_life(seed: int, tick: int) -> None:
     life = Life(Player(check=False))

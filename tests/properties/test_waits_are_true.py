@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import pytest
 from central.player import ANY, before, point
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.folded import FoldedPlayer
 from properties.life import Life, operation
@@ -77,6 +77,8 @@ def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
     for points in (true, told):
         points.difference_update(planned(points))
     extra = told - true - planned(recovery) if not task.suspended else set()
+    if task.retrying:  # a listener before it is handled again: central needs its end, which comes after what it holds
+        extra -= {(number, END_HANDLING) for number, last in true if last == END_ACHIEVING}
     assert not extra, f"{task} before {moment}: {extra}"
     assert true <= told | recovery, f"{task} before {moment}: {true - told - recovery}"
 
@@ -142,6 +144,7 @@ def test_what_tasks_wait_for_is_what_central_knows(operations: list[tuple[str, i
 
 
 @given(st.integers(0, 1 << 32))
+@example(2625034)  # a listener of a task that had returned before it was retried
 @settings(max_examples=1)
 def test_so_it_is_in_a_long_life(seed: int) -> None:
     player = ComparedPlayer()
