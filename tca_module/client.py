@@ -12,7 +12,7 @@ import msgspec
 
 from tca_module import checks
 from tca_module.checks import check
-from tca_module.errors import CentralLost, MisuseError, NoCentral, NotSent, Refused
+from tca_module.errors import CentralLost, MisuseError, NotSent, Refused
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, PATIENCE, Connection
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.sending.central_services import Topic
@@ -115,16 +115,15 @@ def connect(
 ) -> Client:
     """Connect to central from a program that is no module.
 
-    Raises CentralLost if no central answers within *patience* seconds; uncaught it ends the program with one line and
-    exit code 1. The end of its ``with`` block waits until all that was sent has arrived, at most *linger* seconds; if
-    something may not have, it raises NotSent, which ends the program in the same way.
+    Raises CentralLost if no central answers within *patience* seconds. The end of its ``with`` block waits until all
+    that was sent has arrived, at most *linger* seconds; it raises NotSent if something may not have.
     """
     check("connect()", checks.NAME, name=name)
     check("connect()", checks.PATIENCE, patience=patience, linger=linger)
     try:
         client = Client(open_connection(central, hello(name), patience), linger)
     except CentralLost as error:
-        raise NoCentral(str(error)) from None
+        raise CentralLost(str(error)) from None  # a short traceback: what a script shows that does not catch it
     _close_abandoned()
     _open.add(client)
     _close_at_end_of(os.getpid())

@@ -64,22 +64,13 @@ class CentralLost(TcaError):
     """
 
 
-class NoCentral(CentralLost, SystemExit):
-    """Central can't be reached, when a program begins. Uncaught, it ends the program with one line and no traceback."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(text)
-        self.code = text
-
-
-class NotSent(CentralLost, SystemExit):
+class NotSent(CentralLost):
     """So many messages, *number*, may not have arrived when their program left. Raised by the end of a ``with
-    connect()`` block, and by that of a module. Uncaught, it ends the program with one line and exit code 1.
+    connect()`` block, and by that of a module.
     """
 
     def __init__(self, number: int, text: str) -> None:
         super().__init__(text)
-        self.code = text
         self.number = number
 
 

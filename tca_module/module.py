@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeVar, Unpack, overload
 
 from tca_module import checks
 from tca_module.checks import check, check_class, check_function
-from tca_module.errors import CentralLost, MisuseError, NoCentral, NotSent, Refused, Stopped
+from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped
 from tca_module.link.connection import LINGER, PATIENCE, Connection
 from tca_module.link.keepalive import TEND_PERIOD, KeepAlive
 from tca_module.link.opening import CentralAddress, hello, open_connection
@@ -233,10 +233,9 @@ class Module(Sender):
         Running handlers are told and waited for: ``task.cancelled`` is true, waits raise Stopped, coroutines get
         CancelledError. Handlers that were told fail with "module lost"; those that wait for nothing just finish.
 
-        Raises CentralLost if no central answers within *patience* seconds; uncaught it ends the program with one line
-        and exit code 1. If central goes away later, waits for it; with *reconnect* False, raises CentralLost. The end
-        waits until all that was sent has arrived, at most *linger* seconds; if something may not have, it raises
-        NotSent, likewise.
+        Raises CentralLost if no central answers within *patience* seconds. If central goes away later, waits for it;
+        with *reconnect* False, raises CentralLost. The end waits until all that was sent has arrived, at most *linger*
+        seconds; it raises NotSent if something may not have.
         """
         running = self.running(patience=patience, reconnect=reconnect, linger=linger)
         with _stopped_by_signals(self._stop), contextlib.suppress(Stopped), running:
@@ -262,7 +261,7 @@ class Module(Sender):
         try:
             self._begin(patience, linger, reconnect=reconnect)
         except CentralLost as error:
-            raise NoCentral(f"module '{self.name}': {error}") from None
+            raise CentralLost(f"module '{self.name}': {error}") from None
         try:
             yield self
         except BaseException as error:

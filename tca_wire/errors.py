@@ -15,10 +15,7 @@ class CopyableError(Exception):
     """An exception that can be copied and pickled, whatever its constructor takes."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        state = dict(self.__dict__)
-        if isinstance(self, SystemExit):
-            state["code"] = self.code  # which is in no dict
-        return _restored, (type(self), self.args), state
+        return _restored, (type(self), self.args), dict(self.__dict__)
 
 
 def _restored(kind: type[BaseException], arguments: tuple[Any, ...]) -> BaseException:

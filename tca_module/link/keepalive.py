@@ -10,7 +10,7 @@ import time
 from collections.abc import Collection
 from dataclasses import dataclass, field
 
-from tca_module.errors import NoCentral
+from tca_module.errors import CentralLost
 from tca_module.link.connection import Connection
 from tca_module.link.packet_line import STALL
 from tca_module.link.stop import Stop
@@ -36,7 +36,7 @@ class KeepAlive:
     """Keeps the first connection of one module alive, from its creation to ``end``."""
 
     def __init__(self, link: Connection, patience: float, stop: Stop, *, reconnect: bool) -> None:
-        self.error: NoCentral | None = None  #: the error that ended the module before its time
+        self.error: CentralLost | None = None  #: the error that ended the module before its time
         self.since = self.due = time.monotonic()  #: silence counts from then; when to look again if nothing arrives
         self.files: Collection[int] = ()  #: those that tell of something
         self._link = link
@@ -85,7 +85,7 @@ class KeepAlive:
         link, address = self._link, self._link.transport.address
         if is_silent and not self._reconnect and not self._stop.is_set():
             module, lost = link.session.module, link.line.lost()
-            self.error = NoCentral(f"module '{module}': {lost}")
+            self.error = CentralLost(f"module '{module}': {lost}")
             self._link.log.error("module '%s' ends: %s", module, lost)
             self._stop.set()
         elif is_silent and not self._warned:
