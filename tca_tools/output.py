@@ -5,8 +5,6 @@ word. All else that is there may not, unless that is asked for, and a segment of
 by a mark at its end, which readers of these formats skip; an export by what it begins with.
 """
 
-import struct
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -27,10 +25,9 @@ _MARKS = {
     ".svg": b"<!-- " + _MARK + b" -->\n",
     ".dot": b"// " + _MARK + b"\n",
     ".pdf": b"\n% " + _MARK + b"\n",
+    ".png": b"\n" + _MARK + b"\n",
     ".txt": _MARK + b"\n",
 }
-_PNG_END = 12
-"""Bytes of a PNG's last chunk."""
 
 
 def check_free(path: Path, *, begins: bytes = b"", force: bool = False) -> None:
@@ -65,18 +62,11 @@ def _named(path: Path) -> str:
     return printable(str(path))
 
 
-def _marked(kind: str, content: bytes) -> bytes:
-    if kind != ".png":
-        return content + _MARKS.get(kind, b"")
-    told = b"tEXt" + b"Software\0" + _MARK  # a chunk: its length, kind, content, checksum (PNG, 5.3)
-    chunk = struct.pack(">I", len(told) - 4) + told + struct.pack(">I", zlib.crc32(told))
-    return content[:-_PNG_END] + chunk + content[-_PNG_END:]
-
-
 def write_output(path: Path, content: str | bytes) -> None:
     """Write a whole file, with our mark, or leave what was there. Raises ToolError if it can't be written."""
     with new_file(path) as stream:
-        stream.write(_marked(path.suffix, content if isinstance(content, bytes) else content.encode()))
+        stream.write(content if isinstance(content, bytes) else content.encode())
+        stream.write(_MARKS.get(path.suffix, b""))
 
 
 def show_text(text: str, path: Path | None) -> None:

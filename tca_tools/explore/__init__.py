@@ -1,8 +1,5 @@
 """Explores every interleaving of a small scenario against the real core of central: bounded model checking."""
 
-from tca_tools.explore import pure_core  # noqa: F401 - before all that imports central
-
-# isort: split
 import tca_tools.properties
 from tca_tools.explore.errors import ExplorerError, ScenarioError
 from tca_tools.explore.observed.world import Held, Seen, World

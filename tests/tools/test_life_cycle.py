@@ -92,7 +92,7 @@ def test_without_graphviz_the_table_remains(tca: Tca, tmp_path: Path, monkeypatc
     result = tca("lifecycle", "-o", tmp_path / "general.svg")
     assert (result.exit_code, list(tmp_path.iterdir())) == (1, [])
     assert result.stderr == (
-        "tca: this picture needs the Python package 'pygraphviz': pip install 'tca-central[pictures]', or install"
+        "Error: this picture needs the Python package 'pygraphviz': pip install 'tca-central[pictures]', or install"
         " Graphviz\n"
     )
     assert tca("lifecycle", "-o", tmp_path / "general.dot").exit_code == 0
@@ -110,7 +110,7 @@ def test_the_life_cycle_of_a_message_of_a_run(tca: Tca, tmp_path: Path) -> None:
              "wolk": "no message 'wolk' in the journal run: did you mean 'walk'?"}  # fmt: skip
     for name, words in wrong.items():
         result = tca("lifecycle", name, run)
-        assert (result.exit_code, result.stderr) == (1, f"tca: {words}\n")
+        assert (result.exit_code, result.stderr) == (1, f"Error: {words}\n")
 
 
 def test_what_is_no_life_cycle(tca: Tca, tmp_path: Path, robot: Path) -> None:

@@ -180,7 +180,7 @@ def test_following_shows_what_is_there_and_ends_when_interrupted(
 
     monkeypatch.setattr(time, "sleep", interrupt)
     result = tca("log", "show", run, "--follow")
-    assert result.exit_code == 130
+    assert result.exit_code == 1
     assert result.stdout == tca("log", "show", run).stdout
     assert "Traceback" not in result.stderr
 

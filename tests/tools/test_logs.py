@@ -350,7 +350,7 @@ def test_a_run_of_several_segments_can_be_named(tca: Tca, two: Path) -> None:
 def test_a_run_that_is_not_there(tca: Tca, two: Path) -> None:
     told = tca("tree", f"{two}#3")
     assert (told.exit_code, told.stdout) == (2, "")
-    assert told.stderr == f"tca: {two}: no run '3' of the 2 there: 'tca log runs {two}' lists them\n"
+    assert told.stderr == f"Error: {two}: no run '3' of the 2 there: 'tca log runs {two}' lists them\n"
 
 
 def test_runs_are_listed_as_they_are_named(tca: Tca, two: Path) -> None:

@@ -88,7 +88,7 @@ def test_the_story_of_a_query(tca: Tca, run: Path) -> None:
     assert "query sent by gait planner while handling take steps {2}" in sent
     assert "handled by perception" in handled
     several = tca("tree", run, "--story", "elevation map").stderr
-    assert several == "tca: 2 messages are called 'elevation map': name one by its number: 5, 8\n"
+    assert several == "Error: 2 messages are called 'elevation map': name one by its number: 5, 8\n"
 
 
 def test_a_story_as_a_file_and_as_it_was(tca: Tca, run: Path, tmp_path: Path) -> None:
@@ -343,9 +343,9 @@ def test_damage_after_the_moment_that_was_asked_for_is_not_reached(tca: Tca, tmp
 def test_what_is_there_only_later_is_said_to_be_unknown_until_then(tca: Tca, run: Path) -> None:
     for command in ("tree", "gantt"):
         refused = tca(command, run, "--at", 1.0, "--task", "move leg").stderr
-        assert refused == "tca: no task 'move leg' in this journal until 1 s\n"
+        assert refused == "Error: no task 'move leg' in this journal until 1 s\n"
         refused = tca(command, run, "--at", 0.15, "--module", "controller").stderr
-        assert refused == "tca: no module 'controller' in this journal until 0.15 s\n"
+        assert refused == "Error: no module 'controller' in this journal until 0.15 s\n"
 
 
 # --- the heavy lines of an outline: who waits for whom ---------------------------------------------------------------

@@ -6,11 +6,11 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 import msgspec
 
 from tca_central.invariants import check_invariants
-from tca_tools.explore.errors import CentralFault, ScenarioError
+from tca_central.loading import is_compiled
+from tca_tools.explore.errors import CentralFault, ExplorerError, ScenarioError
 from tca_tools.explore.observed.world import World, breach_in_words
 from tca_tools.explore.play.play import Action, Play, Waiting, carried, outcome, waiting
 from tca_tools.explore.play.words import unfinished
-from tca_tools.explore.pure_core import check_core
 from tca_tools.explore.scenario.argument_checks import checked_number, nearest
 from tca_tools.explore.scenario.scenario import Scenario, checked_properties
 from tca_tools.explore.scenario.worker_thread import check_wanted, in_worker_thread
@@ -43,7 +43,11 @@ def explore(
     from time to time with how many states were seen, and how many of them are still to be left. Raises ScenarioError if
     a script can't be played.
     """
-    check_core()
+    if is_compiled():
+        raise ExplorerError(
+            "the explorer needs central's core in Python, and the one here is machine code: install that in a folder of"
+            " its own (docs/decisions/0113-an-installation-has-one-core.md)"
+        )
     if not isinstance(scenario, Scenario):
         raise ScenarioError(f"explore() takes a Scenario, and {scenario!r:.60} is none")
     checked_number(limit, "explore(limit=...)", least=1)
