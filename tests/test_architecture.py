@@ -210,7 +210,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "terminal": set(),
         "output": {"errors"},
         "options": {"output"},
-        "command_line": {"errors"},
+        "command_line": {"user_toml"},
         "drawing": {"errors", "output", "terminal"},
         "journal": {"errors"},
         "explain": {"journal", "spans", "terminal"},
