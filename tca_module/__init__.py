@@ -26,7 +26,7 @@ from tca_module.following.update import PendingUpdate
 from tca_module.module import Module
 from tca_module.sending.any_task import wait_for_any
 from tca_module.sending.attachments import AttachmentRef, Recovery
-from tca_module.sending.central_services import Claim
+from tca_module.sending.claim import Claim
 from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble
 from tca_module.sending.directory import HandlerInfo, MessageInfo, ModuleInfo, ResourceInfo
 from tca_module.sending.later_reply import LaterReply

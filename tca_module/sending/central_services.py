@@ -1,16 +1,19 @@
-"""Services of central itself: variables, locks, and the directory."""
+"""What a Sender asks of central itself: variables, locks, and the directory."""
 
+from collections import deque
 from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import Any, Literal, Self, TypeVar, overload
+from functools import cached_property
+from typing import Any, Literal, TypeVar, overload
 
 import msgspec
 
 from tca_module import checks
 from tca_module.checks import check, is_brief
-from tca_module.errors import LockLost, MisuseError, NotDeclared, Timeout, VariableNotSet
+from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.link.questions import ask
+from tca_module.sending.claim import Claim
 from tca_module.sending.directory import (
     HandlerInfo,
     MessageInfo,
@@ -19,6 +22,7 @@ from tca_module.sending.directory import (
     messages_of,
     modules_of,
 )
+from tca_module.sending.sibling_order import SiblingOrder
 from tca_wire.life_cycles import read_life_cycle
 from tca_wire.messages.controls import ExceptionHandler, Monitor
 from tca_wire.messages.declarations import (
@@ -34,8 +38,8 @@ from tca_wire.messages.declarations import (
     Variable,
 )
 from tca_wire.packets.headers import Ask, GetVariable, GoOn, Lock, Remove, SetVariable, Unlock, WaitUntilHandled
+from tca_wire.points import ROOT, TaskId
 from tca_wire.text.plain_data import PlainFormat
-from tca_wire.vocabulary import Outcome
 
 X = TypeVar("X")
 Topic = Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
@@ -44,73 +48,28 @@ _NO_DEFAULT: Any = object()
 _DECLARED_WITHIN = 0.2  # seconds that central may take to know a message, where the sender would wait for less
 _WHY_WITHIN = 0.2  # seconds that central may take to name the missing handlers after a timeout
 
-
-class Claim:
-    """A lock or reservation. The end of a ``with`` block releases it, and raises LockLost if it had been taken away,
-    unless another error leaves the block.
-    """
-
-    def __init__(self, connection: Connection, header: Lock) -> None:
-        self._connection = connection
-        kind = "reservation" if header.reserve else "lock"
-        self._what = f"the {kind} of resource '{header.resource}'" + (f" of '{header.module}'" * bool(header.module))
-        self._request = connection.request(header, wants_answer=True, is_awaited=True)
-        self._is_over = False
-
-    def __repr__(self) -> str:
-        return self._what
-
-    def wait(self, timeout: float | None) -> None:
-        """Wait until it is granted. Central knows the timeout, and says when it is over."""
-        connection, request = self._connection, self._request
-        is_over = connection.wait(request, timeout, self._what)
-        if not is_over and not connection.silence:  # central, which knows when the time is over, is about to say so
-            is_over = connection.wait(request, ACKNOWLEDGED_WITHIN, self._what)
-        if not is_over:
-            self._connection.abandon(self._request)
-            why = self._connection.line.why_late(timeout or 0.0)
-            raise Timeout(f"{self._what} was not granted within {timeout:g} s, {why}")
-        answer, _ = self._request.answers[-1]
-        if answer.outcome is not Outcome.DONE:
-            self._is_over = True
-            raise Timeout(f"{self._what} was not granted within {timeout:g} s: {answer.text}")
-
-    @property
-    def held(self) -> bool:
-        """Whether it still holds, as far as is known here. Never waits: check it before each step that needs it."""
-        return not (self._is_over or self._connection.is_taken(self._request))
-
-    def release(self) -> None:
-        """Let others in again; twice does no harm. Raises LockLost if it had been taken away, CentralLost if central
-        does not answer; central is then told later.
-        """
-        if not self._end() and self._request.taken:
-            raise self._lost()
-
-    def _lost(self) -> LockLost:
-        how = self._request.taken or "central does not know it any more: the connection was broken"
-        return LockLost(f"{self._what} was lost before it was released: {how}; others may have been let in")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if not self._end(at_once=error is not None) and error is None:
-            raise self._lost()
-
-    def _end(self, *, at_once: bool = False) -> bool:
-        """Release it; whether it still held, or had been released."""
-        if self._is_over:
-            return True
-        self._connection.check_thread()  # refused in another thread, it can be released in its own
-        self._is_over = True
-        return self._connection.release(self._request, self._what, at_once=at_once)
+MOST_SENT = 10_000
+"""Tasks that a Sender knows to have sent: the newest."""
 
 
 class CentralServices:
-    """The part of a Sender that asks central and no module."""
+    """The base of a Sender: its place in the tree, and what it asks of central and no module."""
 
-    _origin: int
+    def __init__(self, parent: TaskId = ROOT, origin: int = 0, *, is_shared: bool = False) -> None:
+        """*is_shared*: others send under the same *parent*, as everybody does under the root."""
+        self._parent = parent
+        self._origin = origin
+        self._is_shared = is_shared or parent == ROOT
+
+    @cached_property
+    def _ordering(self) -> SiblingOrder:
+        """Made when it is first needed: most handlers send no tasks."""
+        return SiblingOrder(is_shared=self._is_shared)
+
+    @cached_property
+    def _sent(self) -> deque[tuple[float, str, TaskId]]:
+        """The newest tasks that it has sent, with the times and messages."""
+        return deque(maxlen=MOST_SENT)
 
     def _connection(self) -> Connection:
         """The connection of the calling thread."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from functools import cached_property
 from typing import Any, TypedDict, Unpack, overload
 
 from tca_module import checks
@@ -10,9 +9,7 @@ from tca_module.checks import EXECUTED, LateText, check, check_class, check_func
 from tca_module.errors import Refused, Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.attachments import Recovery
-from tca_module.sending.observing import SentTasks
 from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
-from tca_module.sending.sibling_order import SiblingOrder
 from tca_module.sending.task_ref import SentTask, TaskRef, node_of
 from tca_module.sending.watching import WatchingServices
 from tca_module.session.request import Request
@@ -29,7 +26,7 @@ from tca_wire.messages.declarations import (
     R,
 )  # fmt: skip
 from tca_wire.packets.headers import Constrain, Send
-from tca_wire.points import ROOT, THIS, TaskId
+from tca_wire.points import THIS, TaskId
 from tca_wire.vocabulary import Refusal
 
 _SHORTEST_PAUSE, _LONGEST_PAUSE = 0.01, 0.1  # seconds between two tries to send where there was no room
@@ -116,22 +113,6 @@ def _flags_of(options: Mapping[str, object]) -> Flags:
 class Sender(WatchingServices):
     """Sends messages. Task, Module, Client and Callback are Senders."""
 
-    def __init__(self, parent: TaskId = ROOT, origin: int = 0, *, is_shared: bool = False) -> None:
-        """*is_shared*: others send under the same *parent*, as everybody does under the root."""
-        self._parent = parent
-        self._origin = origin
-        self._is_shared = is_shared or parent == ROOT
-
-    @cached_property
-    def _ordering(self) -> SiblingOrder:
-        """Made when it is first needed: most handlers send no tasks."""
-        return SiblingOrder(is_shared=self._is_shared)
-
-    @cached_property
-    def _sent(self) -> SentTasks:
-        """Made when it is first needed."""
-        return SentTasks()
-
     # --- tasks -----------------------------------------------------------------------------------------------------
 
     @overload
@@ -187,7 +168,7 @@ class Sender(WatchingServices):
         elif not (task_id := TaskId(connection.call(header, message.title, body))):
             return None
         self._ordering.add(task_id, sequential=sequential)
-        self._sent.add(connection.transport.time(), message.name, task_id)
+        self._sent.append((connection.transport.time(), message.name, task_id))
         return SentTask(connection, message, task_id, self._origin)
 
     def under(self, task: TaskRef) -> "Sender":

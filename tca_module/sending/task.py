@@ -2,19 +2,20 @@
 
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 from tca_module import checks
 from tca_module.checks import check
-from tca_module.errors import CentralLost, MisuseError
+from tca_module.errors import CentralLost, MisuseError, TaskKilled
 from tca_module.link.connection import Connection
 from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble, context_of
-from tca_module.sending.handled_task import HandledTask
+from tca_module.sending.handler_errors import Aborted, Rejection
 from tca_module.sending.later_reply import LaterReply
+from tca_module.sending.reporting_task import ReportingTask
 from tca_module.sending.sender import Sender
 from tca_module.sending.task_points import TaskInterval
 from tca_module.sending.task_ref import FIND_IT, SteerableTask, TaskRef
-from tca_module.sending.task_requests import ServerState
+from tca_module.sending.task_requests import Requests, ServerState, TaskRequest
 from tca_module.session.epoch_numbers import check_epoch, with_epoch
 from tca_module.session.open_deliveries import OpenDelivery
 from tca_wire.messages.declarations import Message
@@ -25,7 +26,7 @@ from tca_wire.text.measures import numbered
 C = TypeVar("C")
 
 
-class Task(Sender, SteerableTask, HandledTask):
+class Task(Sender, SteerableTask, ReportingTask):
     """The message being handled. Goals and commands sent from it become its subtasks; ``kill``, ``suspend`` and their
     like are about itself.
 
@@ -115,6 +116,38 @@ class Task(Sender, SteerableTask, HandledTask):
         if not isinstance(context, kind):
             raise MisuseError(f"'{self.message}' was not sent as {what}")
         return context
+
+    # --- requests of clients ---------------------------------------------------------------------------------------
+
+    @overload
+    def wait_for_request(self, timeout: None = None) -> TaskRequest: ...
+    @overload
+    def wait_for_request(self, timeout: float | None) -> TaskRequest | None: ...
+    def wait_for_request(self, timeout: float | None = None) -> TaskRequest | None:
+        """The next request of a client, each once; None after *timeout* seconds. Raises TaskKilled if the task is
+        killed, Stopped if the module ends. In async handlers use ``requests()``.
+        """
+        check(f"wait_for_request() of {self}", checks.TIMEOUT, timeout=timeout)
+        return self._served().wait(timeout)
+
+    def requests(self) -> Requests:
+        """The requests of clients as they come; in async handlers for ``async for request in task.requests():``."""
+        return Requests(self._served())
+
+    def rejected(self, why: str = "") -> Exception:
+        """The error to raise when the task is not begun: ``raise task.rejected("no hand is free")``. Its client gets
+        the failure "rejected".
+        """
+        check(f"rejected() of {self}", checks.TEXT, why=why)
+        return Rejection(why or "its handler gives no reason")
+
+    def aborted(self, why: str = "") -> TaskKilled:
+        """The error to raise when all is safe after a request for the task's end: ``raise task.aborted()``. It is the
+        short form of ``request.accept()`` and a return.
+        """
+        check(f"aborted() of {self}", checks.TEXT, why=why)
+        self._served().stop(why)
+        return Aborted(str(self), why or "a client has asked for its end")
 
     # --- time ------------------------------------------------------------------------------------------------------
 

@@ -7,9 +7,9 @@ from tca_module.checks import check_function
 from tca_module.following.mirror import ChangeCallback
 from tca_module.following.observation import Observation
 from tca_module.link.connection import Connection
-from tca_module.sending.observing import checked_states
 from tca_module.sending.sender import Sender
 from tca_module.sending.task_ref import Change, change_of
+from tca_module.sending.watching import checked_states
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.changes import Observe
 

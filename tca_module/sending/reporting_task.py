@@ -1,11 +1,10 @@
-"""What a task's handler does with its state: accept or reject it, report results, hear what clients ask for."""
+"""The state of a task, for those who work on it: they accept it, report results, hear what clients ask for."""
 
-from typing import Any, overload
+from typing import Any
 
-from tca_module.checks import NAME, TEXT, TIMEOUT, check
-from tca_module.errors import BadData, MisuseError, TaskKilled
-from tca_module.sending.handler_errors import Aborted, Rejection
-from tca_module.sending.task_requests import Requests, ServerState, TaskRequest
+from tca_module.checks import NAME, TEXT, check
+from tca_module.errors import BadData, MisuseError
+from tca_module.sending.task_requests import ServerState, TaskRequest
 from tca_wire.messages.declarations import Message, TaskMessage
 
 
@@ -59,37 +58,3 @@ class ReportingTask:
         Never waits.
         """
         return self._served().oldest
-
-
-class HandledTask(ReportingTask):
-    """A task, as its handler has it."""
-
-    @overload
-    def wait_for_request(self, timeout: None = None) -> TaskRequest: ...
-    @overload
-    def wait_for_request(self, timeout: float | None) -> TaskRequest | None: ...
-    def wait_for_request(self, timeout: float | None = None) -> TaskRequest | None:
-        """The next request of a client, each once; None after *timeout* seconds. Raises TaskKilled if the task is
-        killed, Stopped if the module ends. In async handlers use ``requests()``.
-        """
-        check(f"wait_for_request() of {self}", TIMEOUT, timeout=timeout)
-        return self._served().wait(timeout)
-
-    def requests(self) -> Requests:
-        """The requests of clients as they come; in async handlers for ``async for request in task.requests():``."""
-        return Requests(self._served())
-
-    def rejected(self, why: str = "") -> Exception:
-        """The error to raise when the task is not begun: ``raise task.rejected("no hand is free")``. Its client gets
-        the failure "rejected".
-        """
-        check(f"rejected() of {self}", TEXT, why=why)
-        return Rejection(why or "its handler gives no reason")
-
-    def aborted(self, why: str = "") -> TaskKilled:
-        """The error to raise when all is safe after a request for the task's end: ``raise task.aborted()``. It is the
-        short form of ``request.accept()`` and a return.
-        """
-        check(f"aborted() of {self}", TEXT, why=why)
-        self._served().stop(why)
-        return Aborted(str(self), why or "a client has asked for its end")
