@@ -88,7 +88,7 @@ class _Client:
         elif kind == 8:
             self._answer()
         elif kind == 9 and self.requests:
-            session.abandon(self.requests.pop(choices.below(len(self.requests))))
+            session.given_up.abandon(self.requests.pop(choices.below(len(self.requests))))
         elif kind == 10:
             session.tend(now, now - choices.below(60))
         else:

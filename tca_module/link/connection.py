@@ -1,71 +1,47 @@
-"""One connection to central: its requests. Every blocking call of the package ends up here, to wait in its wait_loop.
-
-For one thread only. What central delivers while it waits is handled within the wait: so a handler may ask its own
-resource.
-"""
+"""One connection to central: what is asked of it there, and how it begins and ends."""
 
 import contextlib
-import math
-import threading
 import time
-from collections.abc import Awaitable, Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any
 
-from tca_module.checks import BRIEF, TIMEOUT, check, check_message
+from tca_module.checks import check_message
 from tca_module.direct.messages import DirectMessages
-from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped, Timeout
+from tca_module.errors import CentralLost, NotSent, Refused, Stopped, Timeout
 from tca_module.link.arrivals import Arrivals
-from tca_module.link.one_process import OfOneProcess
-from tca_module.link.packet_line import SEND_WAIT, STEP, PacketLine
-from tca_module.link.told_wait import ToldWait
-from tca_module.link.turns import Turns
-from tca_module.link.wait_loop import WaitLoop
+from tca_module.link.packet_line import SEND_WAIT, STEP
+from tca_module.link.waits import PATIENCE, Waits
 from tca_module.log import log_of
 from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, check_epoch, first_foreign, numbers_in
 from tca_module.session.registering import registers
 from tca_module.session.request import Request, refers_to_tasks
 from tca_module.session.sent_tasks import SentId
-from tca_module.session.session import Session, quiet_within
+from tca_module.session.session import Session
 from tca_module.sockets.transport import Transport
 from tca_wire.messages.declarations import Message
-from tca_wire.packets.changes import ChangeState, Observe
-from tca_wire.packets.headers import Await, Bye, Register, Release, Send, ToCentral, Unregister
+from tca_wire.packets.changes import ChangeState
+from tca_wire.packets.headers import Bye, Fail, Register, Release, Reply, Send, ToCentral, Unregister
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId
 
-PATIENCE = 10.0  # seconds without a word from central after which a wait ends with CentralLost
 ACKNOWLEDGED_WITHIN = 30.0  # seconds that central may take to accept or refuse a request while it says other things
 LINGER = 10.0  # seconds that a program which leaves waits for what it sent to arrive
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
-_REST_WITHIN = 1.0  # seconds in which the rest arrives of what central says at one time
-_WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not there
 MOST_UNTOLD = 100  # tasks sent of which central has said nothing yet: it remembers 128 by their requests
-SEND_WITH_YOUR_OWN = "a handler sends with its task, other threads with a client of their own: connect()"
 
 
-class Connection(OfOneProcess):
+class Connection(Waits):
     """One connection to central."""
 
     def __init__(
         self, transport: Transport, session: Session, *, patience: float = PATIENCE,
         direct: DirectMessages | None = None, clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
-        super().__init__()
-        self.session = session
-        self.transport = transport
-        self.direct = direct or DirectMessages(session)  #: messages sent without central
-        self.root_sender: Any = None  #: the Sender with which callbacks send
-        self.await_news: Callable[[Request], Generator[Any, None, None]] | None = None  #: in asyncio
-        self.await_moment: Callable[[float], Awaitable[None]] | None = None  #: of the transport's clock; in asyncio
-        self.now = clock  #: seconds; it never jumps
-        self.line = PacketLine(session, transport, self.direct, clock)
-        self._lock = threading.RLock()  # against threads that only keep the connection alive, and send what is late
-        turns = Turns(session, self.line, self._lock, clock)
-        self.waiting = WaitLoop(session, self.direct, self.line, turns, patience, clock)
+        super().__init__(transport, session, patience=patience, direct=direct, clock=clock)
+        self.root_sender: object = None  #: the Sender with which callbacks send
         self.arrivals = Arrivals(session, self.direct, self.line, transport, clock)
-        self._declared: dict[str, Message[Any, Any]] = {}
-        self._owner, self._owner_name = threading.get_ident(), threading.current_thread().name
         self.log = log_of(session.module)
+        self._declared: dict[str, Message[Any, Any]] = {}
 
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
         """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped*."""
@@ -151,8 +127,7 @@ class Connection(OfOneProcess):
 
     def call(self, header: ToCentral, what: object, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN) -> int:
         """Have central do something; the id of the resulting task or message. *what* names it in errors."""
-        self.check_thread()
-        with self._lock:
+        with self.mine():
             request = self.request(header, body, is_awaited=True)
             self._wait_for_word(request, what, within)
             return request.accepted or 0
@@ -161,7 +136,7 @@ class Connection(OfOneProcess):
         """Wait until central has accepted a request."""
         if not self.wait(request, within, what):
             self.abandon(request)
-            why, fate = self.line.why_late(within), f"{what} {self.session.fate_of(request)}"
+            why, fate = self.line.why_late(within), f"{what} {self.session.given_up.fate_of(request)}"
             raise Timeout(f"{what} was not acknowledged within {within:g} s, {why}; {fate}")
 
     # --- tasks -----------------------------------------------------------------------------------------------------
@@ -170,8 +145,7 @@ class Connection(OfOneProcess):
         """Send a goal, command or monitor. Waits neither for its id nor for central's word, unless central is away: an
         error is raised by whatever uses the id, by the next call of the same sender, or by ``settle``.
         """
-        self.check_thread()
-        with self._lock:
+        with self.mine():
             session, epoch = self.session, self.session.epoch
             if session.sends.untold >= MOST_UNTOLD:
                 self.waiting.until(lambda: session.sends.untold < MOST_UNTOLD, None)
@@ -186,8 +160,7 @@ class Connection(OfOneProcess):
         """Change the state of a task, which *what* says. Waits neither for central nor for its word. A refusal is
         raised by the next call of the same sender, or by ``settle``; that it came too late is logged.
         """
-        self.check_thread()
-        with self._lock:
+        with self.mine():
             session = self.session
             if session.sends.untold >= MOST_UNTOLD and session.is_welcome:
                 self.waiting.until(lambda: session.sends.untold < MOST_UNTOLD, None)
@@ -242,8 +215,7 @@ class Connection(OfOneProcess):
         self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
     ) -> Request:
         """Ask central. Waits a little if it takes nothing now; not with *is_awaited*: then ``wait`` follows."""
-        self.check_thread()
-        with self._lock:
+        with self.mine():
             self._catch_up_for(header)
             if not (wants_answer and isinstance(header, Send)):
                 request = self.session.request(header, body, wants_answer=wants_answer)
@@ -284,129 +256,9 @@ class Connection(OfOneProcess):
                 self.call(Register(0, []), "a word of central's")
         check_epoch(numbers, session.epoch)
 
-    def wait(
-        self, request: Request, timeout: float | None, what: object, is_over: Callable[[], bool] | None = None,
-        since: float | None = None, told: ToldWait | None = None,
-    ) -> bool:  # fmt: skip
-        """Wait until a request is over, or *is_over* says that enough has come; whether it did in time. *since*, *told*
-        when this wait began, and as what, if it goes on with one.
-
-        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long; in a handler
-        once TaskKilled if its task was killed, and once Stopped if its module ends.
-        """
-        self.check_thread()
-        is_done = is_over or (lambda: request.is_over)
-        with self._lock:
-            try:
-                if timeout != 0 and request.is_unannounced:
-                    self.announce(request)
-                is_followed = timeout != 0 and isinstance(request.header, Observe)
-                with told or ToldWait(self, [request] * is_followed, timeout is not None and timeout < BRIEF) as wait:
-                    is_told = wait.until(is_done)
-                    came = is_done() or self.waiting.unless_woken(is_told, timeout, what, request, since=since)
-            except CentralLost as error:
-                self.abandon(request)
-                raise CentralLost(f"{error}; {what} {self.session.fate_of(request)}") from None
-            except BaseException:
-                self.abandon(request)
-                raise
-            if request.refused is not None and not request.what:  # perhaps because of what was sent before
-                self.session.sends.check(getattr(request.header, "origin", None))
-            request.check(what)
-            return came
-
-    def mark_told(self) -> None:
-        """The waiting handler is about to get an error, and so has been told of a kill."""
-        self.session.open_deliveries.mark_told(self.session.open_deliveries.waiting_handler())
-
-    def until_over(
-        self, request: Request, what: object, is_over: Callable[[], bool] | None = None
-    ) -> Generator[Any, None, None]:
-        """``wait`` for async handlers: to be awaited instead of blocking. Raises what ``wait`` does. With *is_over* the
-        request goes on if the wait is broken off.
-        """
-        is_done = is_over or (lambda: request.is_over)
-        if self.await_news is None:
-            msg = f"{what} is awaited where no async handler runs: wait for it with receive(), result() or wait()"
-            raise MisuseError(msg)
-        self.announce(request, blocking=False)
-        try:
-            with ToldWait(self, [request] * isinstance(request.header, Observe), brief=False, blocking=False) as told:
-                is_told = told.until(is_done)
-                while not is_told():
-                    yield from self.await_news(request)
-        except BaseException:
-            if is_over is None:
-                self.abandon(request)
-            raise
-        request.check(what)
-
-    def announce(self, request: Request, *, blocking: bool = True) -> None:
-        """Tell central, if it does not know, that the answer to a question is waited for from now on."""
-        with self._lock:
-            if not request.is_unannounced:
-                return
-            self.line.catch_up(is_sending=not blocking)
-            if request.is_unannounced:
-                request.is_announced = self.session.post(
-                    Await(request.header.number, blocking, getattr(request.header, "origin", 0))
-                )
-                if blocking:  # else its event loop sends what has come together
-                    self.line.flush()
-
     def declared(self, name: str) -> Message[Any, Any] | None:
         """The message of that name, if it was declared here."""
         return self._declared.get(name)
-
-    def catch_up(self) -> None:
-        """Take in what has arrived. Never waits."""
-        self.check_thread()
-        with self._lock:
-            self.line.catch_up()
-
-    def attend(self) -> None:
-        """Take in what has arrived, and call what is due because of it. Never waits."""
-        self.check_thread()
-        with self._lock:
-            self.line.catch_up()
-            while self.waiting.has_news:
-                self.waiting.take_news()
-
-    def hear_out(self, request: Request) -> None:
-        """Take in the end of a request, which central has told by now, and call what is due because of it. Wakes no
-        handler, and raises nothing if it does not come.
-        """
-        self.check_thread()
-        with self._lock:
-            with contextlib.suppress(CentralLost):
-                self.waiting.until(lambda: request.is_over, _REST_WITHIN)
-            self.attend()
-
-    def flush(self) -> None:
-        """Send what is to be said."""
-        with self._lock:
-            self.line.flush()
-
-    def abandon(self, request: Request) -> None:
-        """Give a request up: nobody waits for its answer any more."""
-        self.check_thread()
-        with self._lock:
-            self.session.abandon(request)
-            self.line.flush(0.0, is_patient=True)
-
-    def give_up(self, request: Request) -> str:
-        """Give up a request that took too long; the reason of the delay ("": unknown)."""
-        with self._lock:
-            if silence := self.silence:
-                self.abandon(request)
-                return silence
-            if (asked := self.session.give_up(request)) is None:
-                return "it went to its handler directly, which had not answered"
-            with contextlib.suppress(CentralLost):
-                self.waiting.until(lambda: asked.is_over, _WHY_WITHIN)
-            self.abandon(asked)
-            request.answers += asked.answers  # a multi-query's may be a failure
-            return asked.answers[-1][0].text if asked.answers else ""
 
     def release(self, request: Request, what: str, *, at_once: bool = False) -> bool:
         """Release the lock of a request; whether it was still held. With *at_once*, without waiting. Raises CentralLost
@@ -427,15 +279,13 @@ class Connection(OfOneProcess):
 
     def is_taken(self, request: Request) -> bool:
         """Whether the lock of a request was taken away, as far as is known here. Never waits."""
-        self.check_thread()
-        with self._lock:
+        with self.mine():
             self.line.catch_up()
             return bool(request.taken)
 
     def post(self, header: ToCentral, body: bytes) -> None:
         """Send something that has no answer. If central is not there, it is lost, counted and logged."""
-        self.check_thread()
-        with self._lock:
+        with self.mine():
             self._catch_up_for(header)
             if self.direct.tell(header, body):
                 self.line.flush(wait_seconds=0)
@@ -446,7 +296,7 @@ class Connection(OfOneProcess):
             if self.session.dropped > dropped == 0:
                 self.log.warning("central at %s is not there: informs and broadcasts are lost", self.transport.address)
 
-    def reply(self, header: Any, body: bytes) -> None:
+    def reply(self, header: Reply | Fail, body: bytes) -> None:
         """A handler ended."""
         with self._lock:
             if self.direct.reply(header, body):
@@ -456,85 +306,15 @@ class Connection(OfOneProcess):
 
     def is_cancelled(self, delivery: int) -> bool:
         """Whether a delivery's handler is to clean up and return; it has been told then."""
-        self.check_thread()
-        with self._lock:
+        with self.mine():
             self.line.catch_up()
             return self.session.open_deliveries.read_cancelled(delivery)
 
     def is_suspended(self, delivery: int) -> bool:
         """Whether the task of an open delivery is suspended."""
-        self.check_thread()
-        with self._lock:
+        with self.mine():
             self.line.catch_up()
             return self.session.open_deliveries.is_suspended(delivery)
-
-    # --- waiting ---------------------------------------------------------------------------------------------------
-
-    def serve(self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None = None) -> None:
-        """Handle deliveries until *is_over*, however long central is silent. *idle* is called in between, with
-        the seconds that it may take; False: it did nothing.
-        """
-        self.check_thread()
-        with self._lock:
-            self.waiting.serve(is_over, idle)
-
-    def tend(self, since: float) -> float:
-        """Keep the connection alive while its own thread is busy; the seconds of central's silence."""
-        with self._lock:
-            self.line.catch_up(since, quiet_within(self.waiting.patience))
-            return self.now() - max(self.session.heard, since)
-
-    def keep(self, since: float, quiet: float) -> tuple[float, float] | None:
-        """``tend`` for another thread, while nothing is asked here; the seconds of central's silence, and in how many
-        there is something to do. None: its own thread uses it.
-        """
-        if not self._lock.acquire(blocking=False):
-            return None
-        try:
-            self.transport.has_arrived()  # from now on its files tell of news
-            due = self.line.catch_up(since, quiet)
-            silence = self.now() - max(self.session.heard, since)
-            return silence, self.waiting.seconds_to(due, since, silence)
-        finally:
-            self._lock.release()
-
-    def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
-        """Wait until *is_over*, calling callbacks meanwhile; whether it is. Raises what ``wait`` does."""
-        self.check_thread()
-        check("the wait for a callback", TIMEOUT, timeout=timeout)
-        with self._lock:
-            if self.waiting.is_calling_back:
-                raise MisuseError("a callback waits for another one: they are called one after the other")
-            return is_over() or self.waiting.unless_woken(is_over, timeout, "a callback")
-
-    def pause(self, seconds: float, what: str) -> None:
-        """Let so many seconds pass, for *what*. Raises what ``wait`` does."""
-        self.check_thread()
-        with self._lock:
-            self.waiting.unless_woken(lambda: False, seconds, what)
-
-    def wait_until(
-        self, is_over: Callable[[], bool], what: object, moment: float | None = None, on: Sequence[Request] = ()
-    ) -> bool:
-        """Wait until *is_over*, at most until a *moment* of the transport's clock; whether it is. ``call_soon`` has it
-        look again, and so has news of what is waited *on*, of which central is told. Raises what ``wait`` does.
-        """
-        self.check_thread()
-        with self._lock:
-            self.line.catch_up()
-            with ToldWait(self, on, brief=True) as told:
-                return self.waiting.in_turn(told.until(is_over), what, math.inf if moment is None else moment)
-
-    def call_soon(self, function: Callable[[], None]) -> None:
-        """Have the thread of this connection call a function in its present or next wait; from any thread."""
-        self.check_process()
-        self.session.news.append(function)
-        self.transport.wake()
-
-    def wake(self) -> None:
-        """Have the thread of this connection look again at what it waits for; from any thread."""
-        self.check_process()
-        self.transport.wake()
 
     def hear_threads(self) -> None:
         """Do what other threads have asked for with ``call_soon``."""
@@ -547,23 +327,3 @@ class Connection(OfOneProcess):
             if self.session.ahead:
                 self.session.give_back()
                 self.line.flush()
-
-    @property
-    def silence(self) -> str:
-        """Why central counts as silent, for errors; "" if all is well."""
-        return self.line.silence
-
-    @property
-    def is_mine(self) -> bool:
-        """Whether it belongs to the calling thread."""
-        return threading.get_ident() == self._owner
-
-    def check_thread(self, used: object = None, owns: str = "opened it", remedy: str = SEND_WITH_YOUR_OWN) -> None:
-        """Raise MisuseError in another thread; before taking the lock, which a serving thread keeps for ever. Names
-        what is *used*, why its thread *owns* it, and the remedy.
-        """
-        if threading.get_ident() != self._owner:
-            self.check_process()
-            what = used or f"a connection of module '{self.session.module}'"
-            where = f"is used in thread '{threading.current_thread().name}'"
-            raise MisuseError(f"{what} {where}, but belongs to thread '{self._owner_name}', which {owns}: {remedy}")

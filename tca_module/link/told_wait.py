@@ -7,18 +7,29 @@ more, never takes a handler for waiting that is about to go on. News ends the wa
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Protocol, Self
 
+from tca_module.link.packet_line import PacketLine
+from tca_module.link.wait_loop import WaitLoop
 from tca_module.session.request import Request
+from tca_module.session.session import Session
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import Await
+
+
+class Telling(Protocol):
+    """A connection by which central is told."""
+
+    session: Session
+    line: PacketLine
+    waiting: WaitLoop
 
 
 @dataclass(slots=True)
 class ToldWait:
     """One wait for the first news of some requests; used in a ``with`` block. Without requests none is told."""
 
-    connection: Any
+    connection: Telling
     requests: Sequence[Request]
     brief: bool
     """It may end by itself, or soon does: no deadlock."""

@@ -227,10 +227,9 @@ class Task(Sender, SteerableTask, ReportingTask):
         connection = self._connection()
         connection.catch_up()
         delivery, message = self._delivery, self._message
-        served: ServerState = connection.session.open_deliveries.state_of(
+        return connection.session.open_deliveries.state_of(
             self.delivery, lambda one: ServerState(connection, delivery, one, message, accepts=self._accepts)
         )
-        return served
 
     def check_sent(self) -> None:
         """The handler is about to return: raises the error of a task that it has sent, if one is known. If a message

@@ -343,7 +343,7 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
             if task.request.is_over:
                 raise
             self._link.abandon(task.request)
-            fate = f"{task.what} {self._link.session.fate_of(task.request)}"
+            fate = f"{task.what} {self._link.session.given_up.fate_of(task.request)}"
             raise CentralLost(f"{error}; {fate}") from None
 
     def _ask(self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False) -> Request:

@@ -82,11 +82,14 @@ class ServerState:
         self._origin = with_epoch(delivery.delivery, epoch, self._what)
         self._lock = threading.RLock()
         self._awaited = Request(Observe(0), b"", wants_answer=True)  # stands for what clients may ask of it
-        self._awaited.path = self  # who waits for it stands for nobody: it comes from outside
+        self._awaited.path = self  # so no deadlock is seen in a wait for it: clients may come from outside
         one.on_request += (self._wake,)
 
     def __repr__(self) -> str:
         return self._what
+
+    def abandon(self, _: Request) -> None:
+        """A wait for what clients ask for has ended: there is nothing to give up."""
 
     def _wake(self) -> None:
         if self._awaited.wakes is not None:

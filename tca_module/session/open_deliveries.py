@@ -9,10 +9,12 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import Context, ContextVar
-from typing import Any
+from typing import Any, TypeVar
 
 from tca_module.errors import Stopped, TaskKilled
 from tca_wire.packets.changes import Requested
+
+S = TypeVar("S")
 
 KILLED = "its task has been killed"
 ENDS = "its module ends"
@@ -123,13 +125,14 @@ class OpenDeliveries:
             return mine
         return self._known.get(delivery)
 
-    def state_of(self, delivery: int, make: Callable[[OpenDelivery], Any]) -> Any:
+    def state_of(self, delivery: int, make: Callable[[OpenDelivery], S]) -> S:
         """The state of the task of a delivery, as its handler knows it; made when it is first asked for."""
         one = self._of(delivery)
         assert one is not None
         if one.state is None:
             one.state = make(one)
-        return one.state
+        state: S = one.state
+        return state
 
     def is_killed(self, delivery: int) -> bool:
         """Whether the task of a delivery was killed or forgotten; never that of a direct one (< 0)."""

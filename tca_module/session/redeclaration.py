@@ -48,6 +48,11 @@ class Redeclaration:
         self._said.clear()
 
     @property
+    def is_restless(self) -> bool:
+        """Whether ``tend`` may have something to do."""
+        return not self.is_over or bool(self._attachments.unwanted)
+
+    @property
     def is_answered_soon(self) -> bool:
         """Whether central has been asked for something that it answers at once."""
         return self._open > 0 and not self._is_waiting

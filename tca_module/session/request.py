@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused, TcaError
 from tca_module.session.epoch_numbers import EpochNumber, forgotten_text
@@ -11,7 +11,7 @@ from tca_wire.packets import headers
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.codec import misfit
 from tca_wire.packets.headers import Register, Send, SetVariable, ToCentral
-from tca_wire.points import ROOT
+from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import Outcome, Refusal
 
 _KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
@@ -30,6 +30,13 @@ _WITHOUT_TASKS = (
     headers.Unlock, headers.GoOn,
 )  # fmt: skip
 """Requests that any central understands, whatever it remembers."""
+
+
+class DirectWay(Protocol):
+    """The way of a request that does not go through central."""
+
+    def abandon(self, request: "Request") -> None:
+        """Give the request up."""
 
 
 class Request:
@@ -57,11 +64,11 @@ class Request:
         self.lost = ""  #: how it was lost with central's memory
         self.gone = ""  #: its subject, where a restarted central has forgotten that
         self.taken = ""  #: of a lock that was granted: how it was lost
-        self.path: Any = None  #: the way that it went directly, under that way's *number*
+        self.path: DirectWay | None = None  #: the way that it went directly, under that way's *number*
         self.number = 0
         self.what = ""  #: of what was sent without waiting, a task mostly: its name, for people
         self.by = ""  #: and the message whose handler has sent it
-        self.after: list[Any] = []  #: and the siblings that it was to come after, until it is accepted
+        self.after: list[TaskId] = []  #: and the siblings that it was to come after, until it is accepted
         self.mark = 0  #: how many statements had been sent before it
         self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
         self.wakes: Callable[[], None] | None = None  #: so does this, for coroutines that await it
@@ -124,7 +131,19 @@ def is_for_any_central(header: Any) -> bool:
     return not refers_to_tasks(header) and isinstance(header, _ABOUT_CENTRAL)
 
 
-def waits_for_others(request: Any) -> bool:
+class Asked(Protocol):
+    """A request, as far as it tells how it is answered."""
+
+    @property
+    def header(self) -> Any:
+        """It itself."""
+
+    @property
+    def wants_answer(self) -> bool:
+        """Accepted is not the end of it."""
+
+
+def waits_for_others(request: Asked) -> bool:
     """Whether the answer comes only when others have done something."""
     return request.wants_answer and isinstance(request.header, _WAITS_FOR_OTHERS)
 

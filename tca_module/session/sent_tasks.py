@@ -1,8 +1,24 @@
 """Tasks that are sent without waiting for central's word: their ids, and the errors of those that are refused."""
 
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 from tca_module.session.epoch_numbers import EpochNumber
+from tca_module.session.request import Request
+
+
+class _Session(Protocol):
+    epoch: str
+
+
+class Acknowledging(Protocol):
+    """A connection on which tasks are sent."""
+
+    @property
+    def session(self) -> _Session:
+        """The present central's."""
+
+    def acknowledged(self, request: Request) -> EpochNumber:
+        """The id of a task that was sent. Waits for it; raises the error that the send came to."""
 
 
 class SentId(EpochNumber):
@@ -10,10 +26,10 @@ class SentId(EpochNumber):
     that has sent the task stands for it.
     """
 
-    connection: Any
-    request: Any
+    connection: Acknowledging
+    request: Request
 
-    def __new__(cls, connection: Any, request: Any) -> Self:
+    def __new__(cls, connection: Acknowledging, request: Request) -> Self:
         """*request* has sent the task on *connection*."""
         self = int.__new__(cls, 0)
         self.connection, self.request = connection, request
@@ -23,10 +39,7 @@ class SentId(EpochNumber):
     def known(self) -> EpochNumber:
         """The id itself. Waits for it; raises the error that the send came to."""
         request = self.request
-        id_of_task: EpochNumber = (
-            request.accepted if request.accepted is not None else self.connection.acknowledged(request)
-        )
-        return id_of_task
+        return request.accepted if request.accepted is not None else self.connection.acknowledged(request)
 
     @property
     def on_wire(self) -> int:
@@ -44,7 +57,7 @@ class SentId(EpochNumber):
         """The task, for people."""
         return str(self.request.accepted.what if self.request.accepted is not None else self.request.what)
 
-    def be_nameable(self, connection: Any) -> None:
+    def be_nameable(self, connection: object) -> None:
         """Be sure that the task can be named on *connection*: another than its own knows its id only. Raises the error
         that the send came to.
         """
@@ -100,11 +113,11 @@ class TaskSends:
 
     def __init__(self) -> None:
         self.untold = 0  #: number of those of which central has said nothing yet
-        self.lost: list[Any] = []  #: those that were lost with central, and of which nobody has asked since
-        self.failed: dict[int, list[Any]] = {}  #: those that were refused, by origin
+        self.lost: list[Request] = []  #: those that were lost with central, and of which nobody has asked since
+        self.failed: dict[int, list[Request]] = {}  #: those that were refused, by origin
         self._known: dict[int, int] = {}  #: how many refusals the handler of a delivery knows
 
-    def add(self, request: Any) -> None:
+    def add(self, request: Request) -> None:
         """A send was refused."""
         self.failed.setdefault(request.header.origin, []).append(request)
 
@@ -120,7 +133,7 @@ class TaskSends:
                 error.add_note(other.why_failed)
             raise
 
-    def discard(self, request: Any) -> None:
+    def discard(self, request: Request) -> None:
         """The error of a send is about to be raised, if there is one."""
         if request in self.lost:
             self.lost.remove(request)
@@ -129,7 +142,7 @@ class TaskSends:
             failed.remove(request)
             self._note([request])
 
-    def _note(self, failed: list[Any]) -> None:
+    def _note(self, failed: list[Request]) -> None:
         if origin := failed[0].header.origin:
             self._known[origin] = self._known.get(origin, 0) + len(failed)
 

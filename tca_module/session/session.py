@@ -17,24 +17,18 @@ from weakref import WeakValueDictionary
 import msgspec
 
 from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, first_foreign, numbers_in
+from tca_module.session.given_up import GivenUpRequests
 from tca_module.session.joined_replies import HeldReplies, Item
 from tca_module.session.lasting_attachments import LastingAttachments, is_lasting
 from tca_module.session.open_deliveries import OpenDeliveries
 from tca_module.session.redeclaration import Redeclaration
 from tca_module.session.registering import registers
-from tca_module.session.request import (
-    HARMLESS,
-    Request,
-    check_fields,
-    is_for_any_central,
-    refers_to_tasks,
-)
+from tca_module.session.request import HARMLESS, Request, check_fields, is_for_any_central, refers_to_tasks
 from tca_module.session.sent_tasks import TaskSends
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState, Observe, Requested
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.packets.routes import Barred, EntranceGone, Route
-from tca_wire.points import TaskId
 from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Outcome, Refusal
 
@@ -89,15 +83,15 @@ class Session:
         self._posted = self._arrived = 0  #: statements sent on this connection; those of which central has had word
         self._confirming: Request | None = None  #: asks central for a word
         self._replies_before: list[int] = []  #: the deliveries that were answered before that
-        self.is_welcome = False
+        self.is_welcome, self.breaks = False, 0  #: central has welcomed it; how often it has broken
         self.is_to_withdraw = False  #: central is to be told that nothing is handled any more; set by any thread
-        self.breaks = 0  #: how often the connection has broken
         self.refused: headers.Refused | None = None  #: central does not want this connection
         self.epoch = ""
         self.module = hello.module  #: the name under which central knows the module
         self.attachments = LastingAttachments() if attachments is None else attachments
-        self._own = self.attachments if not hello.connection else LastingAttachments()
-        self.redeclaration = Redeclaration(self._own, self.request, self.complaints.append, self._declare_handlers)
+        own = LastingAttachments() if hello.connection else self.attachments
+        self.redeclaration = Redeclaration(own, self.request, self.complaints.append, self._declare_handlers)
+        self.given_up = GivenUpRequests(self._requests, self._messages, self.request, self.sends)
 
     # --- calls of the module ---------------------------------------------------------------------------------------
 
@@ -251,47 +245,6 @@ class Session:
         self._handlers.clear()
         self.attachments.clear()
 
-    def abandon(self, request: Request) -> None:
-        """Give a request up: nobody waits for its answer any more."""
-        number, origin = request.header.number, getattr(request.header, "origin", 0)
-        if isinstance(request.header, headers.Release | headers.GiveUp):
-            return  # it is to be heard, if nobody waits for that either
-        if request.path is not None:
-            request.path.abandon(request)
-        elif self._requests.pop(number, None) is not None and request.wants_answer:
-            if request.was_sent:  # central may have it, also if it is away now: the GiveUp is repeated like all else
-                self.give_up(request)
-        elif self.is_recalled(request.header) and not (request.what and request.is_over):
-            why = "its sender has given it up, and does not know it"
-            self.request(headers.Kill(0, TaskId(-number), why, origin=origin))
-            if request.what:
-                self.sends.untold -= 1
-                request.is_over, request.lost = True, "it was given up"
-
-    def give_up(self, request: Request) -> Request | None:
-        """Give up a request that took too long; the request that asks central why, None for a direct one."""
-        if request.path is not None:
-            request.path.abandon(request)
-            return None
-        number = request.header.number
-        self._requests.pop(number, None)
-        return self.request(headers.GiveUp(number, origin=getattr(request.header, "origin", 0)), wants_answer=True)
-
-    def fate_of(self, request: Request) -> str:
-        """The fate of a request that was given up, in words."""
-        if self.is_recalled(request.header):
-            return "is killed as soon as central answers, if it had heard of it"
-        if isinstance(request.header, HARMLESS):
-            return "is given up"
-        return "may yet be done, if central had heard of it"
-
-    def is_recalled(self, header: Any) -> bool:
-        """Whether a request that is given up unheard is killed: a task is, for nobody else could find it."""
-        if not isinstance(header, headers.Send) or header.when_killed:
-            return False
-        declared = self._messages.get(header.message)
-        return declared is not None and declared.message_class.is_task
-
     # --- the connection --------------------------------------------------------------------------------------------
 
     def tend(self, now: float, since: float, quiet: float = QUIET) -> float:
@@ -303,7 +256,7 @@ class Session:
             self.is_to_withdraw = False
             self.withdrawn()
             self.request(headers.Unregister(0, []))
-        is_restless = self.is_welcome and (self._own.unwanted or not self.redeclaration.is_over)
+        is_restless = self.is_welcome and self.redeclaration.is_restless
         due = self.redeclaration.tend(now) if is_restless else float("inf")
         asks_at = max(self.heard, since) + quiet if self.is_welcome else self._asked + REPEAT
         if self.heard < self._asked:
@@ -386,10 +339,11 @@ class Session:
 
     def _renew(self) -> None:
         """Redeclare to a new central before all else, under the lowest numbers."""
-        waiting, self._requests = self._requests, {}
+        waiting = dict(self._requests)
+        self._requests.clear()
         self.redeclaration.begin(self.epoch, self._messages)
         if not self._requests:
-            self._requests = waiting
+            self._requests.update(waiting)
             return
         for request in waiting.values():
             self._number(request)

@@ -270,7 +270,7 @@ class Thread:
 
     def _give_up(self, work: Work, why: str) -> None:
         if work.request is not None:
-            self.session.abandon(work.request)
+            self.session.given_up.abandon(work.request)
         self._go_on(work, Woken(why))
 
     def _go_on(self, work: Work, error: Exception | None = None) -> None:

@@ -1,7 +1,7 @@
 """Who lives in the town: modules that handle goals, commands, questions and failures, and users who want things done."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 from simulation.options import Options
@@ -96,7 +96,7 @@ class Hands:
             request = session.send_task(header, encode(token), message)
         else:
             request = session.request(header, encode(token))
-        sent = SentTask(token, request, SentId(self.thread, request))
+        sent = SentTask(token, request, SentId(cast("Any", self.thread), request))
         request.notify = lambda: self._told(sent)
         self.thread.flush()
         return sent
