@@ -14,7 +14,7 @@ from tca_module.client import Client
 from tca_module.errors import TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.sending.replies import QUERY_TIMEOUT
 from tca_module.sending.task_ref import SentTask
-from tca_tools.live.shared import SECONDS, as_json, as_text, central_option, json_option, talking
+from tca_tools.live.shared import as_json, as_text, json_option, live_command, timeout_option
 from tca_wire.errors import BadData
 from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import Broadcast, Command, Goal, Inform, Message, MultiQuery, Query, Variable
@@ -27,96 +27,83 @@ HOW = """DATA are fields, 'key=value', with dots for the fields of a part ('pose
 """
 
 data_argument = click.argument("data", nargs=-1)
-timeout_option = click.option("--timeout", metavar="SECONDS", type=SECONDS, help="Wait no longer than this.")
 
 
-@click.command(epilog=HOW)
+@live_command("send", epilog=HOW)
 @click.argument("name")
 @data_argument
 @click.option("--wait", is_flag=True, help="Wait until the goal or command has ended; exit code 1 unless it is done.")
 @timeout_option
-@central_option
 @json_option
-def send(
-    name: str, data: tuple[str, ...], timeout: float | None, central: str | None, *, wait: bool, in_json: bool
-) -> None:
+def send(client: Client, name: str, data: tuple[str, ...], timeout: float | None, *, wait: bool, in_json: bool) -> None:
     """Send a message of any class.
 
     It prints the task of a goal or command, or the reply to a query.
     """
-    with talking("send", central) as client:
-        message: Any = client.declared(name)
-        if isinstance(message, Query | MultiQuery):
-            _ask(client, message, data, timeout, 0, in_json=in_json)
-            return
-        if isinstance(message, Variable | ExceptionHandler):
-            how = "set it with 'tca set'" if isinstance(message, Variable) else "raise its failure with 'tca raise'"
-            raise click.UsageError(f"{message.title} is not sent: {how}")
-        if (wait or timeout is not None) and not isinstance(message, Goal | Command):
-            raise click.UsageError(f"{message.title} has no end to wait for: leave --wait and --timeout out")
-        value = read_data(message, data)
-        message.encode_data(value)
-        _say_if_unhandled(client, message)
-        if isinstance(message, Inform):
-            client.inform(message, value, wait=0)
-        elif isinstance(message, Broadcast):
-            client.broadcast(message, value, wait=0)
-        else:
-            made: SentTask[Any] = client.execute(message, value)
-            _follow(made, timeout, wait=wait or timeout is not None, in_json=in_json)
+    message: Any = client.declared(name)
+    if isinstance(message, Query | MultiQuery):
+        _ask(client, message, data, timeout, None, in_json=in_json)
+        return
+    if isinstance(message, Variable | ExceptionHandler):
+        how = "set it with 'tca set'" if isinstance(message, Variable) else "raise its failure with 'tca raise'"
+        raise click.UsageError(f"{message.title} is not sent: {how}")
+    if (wait or timeout is not None) and not isinstance(message, Goal | Command):
+        raise click.UsageError(f"{message.title} has no end to wait for: leave --wait and --timeout out")
+    value = _checked_data(client, message, data)
+    if isinstance(message, Inform):
+        client.inform(message, value, wait=0)
+    elif isinstance(message, Broadcast):
+        client.broadcast(message, value, wait=0)
+    else:
+        made: SentTask[Any] = client.execute(message, value)
+        _follow(made, timeout, wait=wait or timeout is not None, in_json=in_json)
 
 
-@click.command(epilog=HOW)
+@live_command("query", epilog=HOW)
 @click.argument("name")
 @data_argument
 @timeout_option
 @click.option("--maximum", metavar="N", type=click.IntRange(min=1), help="Stop after so many replies to a multi-query.")
-@central_option
 @json_option
 def query(
-    name: str, data: tuple[str, ...], timeout: float | None, maximum: int | None, central: str | None, *, in_json: bool
+    client: Client, name: str, data: tuple[str, ...], timeout: float | None, maximum: int | None, *, in_json: bool
 ) -> None:
     """Ask a query and print the reply.
 
     It prints each reply to a multi-query as it comes.
     """
-    with talking("query", central) as client:
-        message = client.declared(name)
-        if not isinstance(message, Query | MultiQuery):
-            how = "'tca get' reads it" if isinstance(message, Variable) else "send it with 'tca send'"
-            raise click.UsageError(f"{message.title} is no query: {how}")
-        if maximum is not None and isinstance(message, Query):
-            raise click.UsageError(f"{message.title} has one reply: leave --maximum out")
-        _ask(client, message, data, timeout, maximum, in_json=in_json)
+    message = client.declared(name)
+    if not isinstance(message, Query | MultiQuery):
+        how = "'tca get' reads it" if isinstance(message, Variable) else "send it with 'tca send'"
+        raise click.UsageError(f"{message.title} is no query: {how}")
+    if maximum is not None and isinstance(message, Query):
+        raise click.UsageError(f"{message.title} has one reply: leave --maximum out")
+    _ask(client, message, data, timeout, maximum, in_json=in_json)
 
 
-@click.command("get")
+@live_command("get")
 @click.argument("variable")
-@central_option
 @json_option
-def get_variable(variable: str, central: str | None, *, in_json: bool) -> None:
+def get_variable(client: Client, variable: str, *, in_json: bool) -> None:
     """Print the value of a shared variable.
 
     The exit code is 1 if it was never set.
     """
-    with talking("get", central) as client:
-        try:
-            value = client.get_variable(_variable(client, variable))
-        except VariableNotSet:
-            msg = f"variable '{variable}' was never set: set it with 'tca set', or start the module that sets it"
-            raise click.ClickException(msg) from None
-        click.echo(as_json(value) if in_json else as_text(value))
+    try:
+        value = client.get_variable(_variable(client, variable))
+    except VariableNotSet:
+        msg = f"variable '{variable}' was never set: set it with 'tca set', or start the module that sets it"
+        raise click.ClickException(msg) from None
+    click.echo(as_json(value) if in_json else as_text(value))
 
 
-@click.command("set", epilog=HOW)
+@live_command("set", epilog=HOW)
 @click.argument("variable")
 @data_argument
-@central_option
-def set_variable(variable: str, data: tuple[str, ...], central: str | None) -> None:
+def set_variable(client: Client, variable: str, data: tuple[str, ...]) -> None:
     """Give a shared variable a new value."""
-    with talking("set", central) as client:
-        known = _variable(client, variable)
-        client.set_variable(known, read_data(known, data))
+    known = _variable(client, variable)
+    client.set_variable(known, read_data(known, data))
 
 
 def _variable(client: Client, name: str) -> Variable[Any]:
@@ -185,11 +172,14 @@ def _nested(pairs: list[tuple[str, str]]) -> dict[str, Any]:
 # --- results ----------------------------------------------------------------------------------------------------------
 
 
-def _say_if_unhandled(client: Client, message: Message[Any, Any]) -> None:
-    """Warn if nobody handles the message to be sent now."""
+def _checked_data(client: Client, message: Message[Any, Any], words: tuple[str, ...]) -> Any:
+    """The data of a message to be sent now. Warns if nobody handles it. Raises what ``read_data`` does, or BadData."""
+    value = read_data(message, words)
+    message.encode_data(value)
     if not any(handler.capacity for handler in client.handlers(message)):
         fate = "it reaches nobody" if isinstance(message, Broadcast | MultiQuery) else "it waits until a module does"
         click.echo(f"nobody handles {printable(message.title)} now: {fate}", err=True)
+    return value
 
 
 def _follow(ref: SentTask[Any], timeout: float | None, *, wait: bool, in_json: bool) -> None:
@@ -235,9 +225,7 @@ def _print_end(ref: SentTask[Any], *, in_json: bool) -> None:
 def _ask(
     client: Client, message: Any, data: tuple[str, ...], timeout: float | None, maximum: int | None, *, in_json: bool
 ) -> None:
-    value = read_data(message, data)
-    message.encode_data(value)
-    _say_if_unhandled(client, message)
+    value = _checked_data(client, message, data)
     within = QUERY_TIMEOUT if timeout is None else timeout
     show = as_json if in_json else as_text
     if isinstance(message, Query):

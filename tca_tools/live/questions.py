@@ -6,13 +6,14 @@ import json
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Sequence
+from functools import wraps
 from typing import Any
 
 import click
 import msgspec
 
 from tca_module.client import Client
-from tca_tools.live.shared import as_json, central_option, json_option, plain, talking
+from tca_tools.live.shared import as_json, json_option, live_command, plain
 from tca_tools.live.top_frame import memory_in_words
 from tca_wire.errors import BadData
 from tca_wire.messages.formats import decode_untyped
@@ -33,12 +34,11 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
     """Make a command of a function that returns what to show, as data and as text."""
 
     def command_of(answer: Callable[[Client], tuple[Any, str]]) -> click.Command:
-        @click.command(name, help=answer.__doc__)
-        @central_option
+        @live_command(name)
         @json_option
-        def command(central: str | None, *, in_json: bool) -> None:
-            with talking(name, central) as client:
-                data, text = answer(client)
+        @wraps(answer)
+        def command(client: Client, *, in_json: bool) -> None:
+            data, text = answer(client)
             click.echo(as_json(data) if in_json else text)
 
         return command

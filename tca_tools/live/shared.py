@@ -1,9 +1,9 @@
 """The common parts of the commands that talk to a running central: options, errors as one line, how values look."""
 
 import json
-import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import wraps
 from typing import Any
 
 import click
@@ -17,23 +17,29 @@ from tca_wire.messages.notices import COMMANDS
 from tca_wire.text.bodies import json_text
 from tca_wire.text.printable import printable
 
-
-class _Seconds(click.FloatRange):
-    """A time to wait: 0 or more, and a number ("nan" is none)."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        seconds = float(super().convert(value, param, ctx))
-        if math.isnan(seconds):
-            self.fail(f"{value!r} is no number of seconds", param, ctx)
-        return seconds
-
-
-SECONDS = _Seconds(min=0)
-
 _PATIENCE = 2.0  # seconds that a person waits for central
 
 central_option = click.option("--central", metavar="ADDRESS", help=f"Where central listens [default: ${VARIABLE}].")
 json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON.")
+seconds = click.FloatRange(min=0)
+timeout_option = click.option("--timeout", metavar="SECONDS", type=seconds, help="Wait no longer than this.")
+task_argument = click.argument("task", metavar="TASK")
+
+
+def live_command(name: str, *, epilog: str | None = None) -> Callable[[Callable[..., None]], click.Command]:
+    """Make a command of a function: it gets a client of a running central, and what its own options say."""
+
+    def command_of(function: Callable[..., None]) -> click.Command:
+        @click.command(name, epilog=epilog)
+        @central_option
+        @wraps(function)
+        def command(central: str | None, **given: Any) -> None:
+            with talking(name, central) as client:
+                function(client, **given)
+
+        return command
+
+    return command_of
 
 
 @contextmanager

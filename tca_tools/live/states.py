@@ -1,6 +1,7 @@
 """What people ask of a running task, and hear of its state: ``tca update``, ``cancel`` and ``watch``."""
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from datetime import datetime
 from typing import Any
 
@@ -9,10 +10,9 @@ import click
 from tca_module.client import Client
 from tca_module.sending.task_ref import Change, TaskRef
 from tca_tools.live import steering
-from tca_tools.live.messages import HOW, data_argument, read_data, timeout_option
-from tca_tools.live.shared import as_text, central_option, json_option, plain, talking
-from tca_tools.live.steering import find_task
-from tca_tools.live.tasks import task_argument
+from tca_tools.live.messages import HOW, data_argument, read_data
+from tca_tools.live.shared import as_text, json_option, live_command, plain, task_argument, timeout_option
+from tca_tools.live.steering import find_task, too_late
 from tca_wire.life_cycles import Effect
 from tca_wire.messages.declarations import TaskMessage
 from tca_wire.messages.formats import MISSION_TASK, decode_untyped
@@ -22,27 +22,24 @@ from tca_wire.text.measures import counted
 from tca_wire.text.printable import printable
 
 
-@click.command()
+@live_command("cancel")
 @task_argument
 @click.option("--why", metavar="TEXT", default="", help="The reason, for its handler and those who watch.")
-@central_option
-def cancel(task: str, why: str, central: str | None) -> None:
+def cancel(client: Client, task: str, why: str) -> None:
     """Ask for the end of a task.
 
     TASK is a task's number, or its message's name if only one such task lives. Its handler decides: it may first leave
     things as they should be, or go on. If it knows of no cancels, the task is killed.
     """
-    with talking("cancel", central) as client:
-        click.echo(steering.cancel(client, find_task(client, task), why))
+    click.echo(steering.cancel(client, find_task(client, task), why))
 
 
-@click.command(epilog=HOW)
+@live_command("update", epilog=HOW)
 @task_argument
 @data_argument
 @timeout_option
 @click.option("--no-wait", is_flag=True, help="Do not wait for the word of its handler.")
-@central_option
-def update(task: str, data: tuple[str, ...], timeout: float | None, central: str | None, *, no_wait: bool) -> None:
+def update(client: Client, task: str, data: tuple[str, ...], timeout: float | None, *, no_wait: bool) -> None:
     """Give a running task a new goal.
 
     TASK is a task's number, or its message's name if only one such task lives. The command waits until its handler has
@@ -51,19 +48,18 @@ def update(task: str, data: tuple[str, ...], timeout: float | None, central: str
     """
     if no_wait and timeout is not None:
         raise click.UsageError("--no-wait and --timeout are given: leave one of them out")
-    with talking("update", central) as client:
-        found = find_task(client, task)
-        message = client.declared(found.message)
-        if not isinstance(message, TaskMessage):
-            raise click.UsageError(f"{message.title} takes no new goal: only goals and commands do")
-        goal = _with_present(found, message, read_data(message, data))
-        message.encode_data(goal)
-        name = next((one.name for one in message.life_cycle.transitions if one.effect is Effect.NEW_GOAL), "")
-        if not no_wait or not name:
-            found.update(goal, timeout=timeout, message=message)
-        elif not found.take(name, goal, message=message):
-            raise steering.too_late(found, "given a new goal")
-        click.echo(printable(f"{found}: " + ("the new goal is asked for" if no_wait else "has the new goal")))
+    found = find_task(client, task)
+    message = client.declared(found.message)
+    if not isinstance(message, TaskMessage):
+        raise click.UsageError(f"{message.title} takes no new goal: only goals and commands do")
+    goal = _with_present(found, message, read_data(message, data))
+    message.encode_data(goal)
+    name = next((one.name for one in message.life_cycle.transitions if one.effect is Effect.NEW_GOAL), "")
+    if not no_wait or not name:
+        found.update(goal, timeout=timeout, message=message)
+    elif not found.take(name, goal, message=message):
+        raise too_late(found, "given a new goal")
+    click.echo(printable(f"{found}: " + ("the new goal is asked for" if no_wait else "has the new goal")))
 
 
 def _with_present(task: TaskRef, message: TaskMessage[Any, Any], goal: Any) -> Any:
@@ -74,26 +70,20 @@ def _with_present(task: TaskRef, message: TaskMessage[Any, Any], goal: Any) -> A
     return {**(decode_untyped(info.data) or {}), **goal}
 
 
-@click.command()
+@live_command("watch")
 @click.argument("what", metavar="[MESSAGE|TASK]", required=False)
 @click.option("--state", "states", metavar="STATE", multiple=True, help="Only changes to this state; may be repeated.")
 @click.option("--under", metavar="TASK", help="Only of what is under this task.")
-@central_option
 @json_option
-def watch(
-    what: str | None, states: tuple[str, ...], under: str | None, central: str | None, *, in_json: bool
-) -> None:  # fmt: skip
+def watch(client: Client, what: str | None, states: tuple[str, ...], under: str | None, *, in_json: bool) -> None:
     """Print each change of a task's state as it comes.
 
     MESSAGE or TASK, a number, says of which tasks; without it, of all. First it prints how those stand that live. It
     ends with Ctrl-C, or with the task. With --json there is an object a line.
     """
-    with talking("watch", central) as client:
-        try:
-            for change in _changes(client, what, states, under):
-                click.echo(json_text(plain(_row(change))) if in_json else _line(change))
-        except KeyboardInterrupt:
-            return
+    with suppress(KeyboardInterrupt):
+        for change in _changes(client, what, states, under):
+            click.echo(json_text(plain(_row(change))) if in_json else _line(change))
 
 
 def _changes(client: Client, what: str | None, states: tuple[str, ...], under: str | None) -> Iterable[Change]:

@@ -17,7 +17,6 @@ from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Scope
 
 _TOLD_TO_END = "told to end; it does when the handlers that run have returned"
-_HIGHEST = (1 << 63) - 1  # number that the protocol can say
 _SHOWN = 10  # tasks that one name may mean
 
 
@@ -68,11 +67,6 @@ def resume(task: TaskRef) -> str:
     if not task.resume():
         raise too_late(task, "resumed")
     return f"{task}: " + ("resumed" if info is None or info.suspended else "not suspended")
-
-
-def resume_all(client: Client) -> str:
-    """Let tasks start again that a restart of central holds back."""
-    return "tasks start again" if client.go_on() else "no tasks are held back: nothing to be done"
 
 
 def retry(task: TaskRef) -> str:
@@ -145,7 +139,7 @@ def _numbered(client: Client, number: int) -> TaskRef:
         msg = f"task 0 is the root, which never ends: give the number of a task; {_living(client)}"
         raise click.ClickException(msg)
     try:
-        handle = client.task(min(number, _HIGHEST))
+        handle = client.task(number)
     except Refused as refused:
         raise click.ClickException(f"{refused.text}: {_living(client)}") from None
     info = handle.info() if handle is not None else None

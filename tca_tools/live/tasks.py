@@ -1,5 +1,5 @@
-"""The command line's hand on a running central: ``tca kill``, ``suspend``, ``resume``, ``retry``, ``raise``,
-``unlock`` and ``detach``.
+"""The command line's hand on a running central: ``tca kill``, ``suspend``, ``resume``, ``retry``, ``raise``, ``unlock``
+and ``detach``.
 """
 
 from typing import Any, NamedTuple
@@ -9,7 +9,7 @@ import click
 from tca_module.client import Client
 from tca_tools.live import steering
 from tca_tools.live.questions import attached_in_all, attached_to
-from tca_tools.live.shared import SECONDS, central_option, talking
+from tca_tools.live.shared import live_command, seconds, task_argument
 from tca_tools.live.steering import find_task, too_late
 from tca_wire.messages.declarations import Failure
 from tca_wire.text.measures import listed, numbered
@@ -18,110 +18,96 @@ from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Scope
 
 _ANYTHING: Any = PlainFormat("{}")
-_HIGHEST = (1 << 63) - 1  # number that the protocol can say
 _SHOWN = 10  # tasks that one name may mean
 
-task_argument = click.argument("task", metavar="TASK")
 
-
-@click.command()
+@live_command("kill")
 @task_argument
 @click.option("--descendants", is_flag=True, help="End only what is under it, not the task itself.")
 @click.option("--siblings", is_flag=True, help="End only the other children of its parent.")
-@click.option("--in", "delay", metavar="SECONDS", type=SECONDS, default=0.0, help="Do it so many seconds from now.")
+@click.option("--in", "delay", metavar="SECONDS", type=seconds, default=0.0, help="Do it so many seconds from now.")
 @click.option("--why", metavar="TEXT", default="", help="The reason, for those who wait for it.")
-@central_option
-def kill(task: str, delay: float, why: str, central: str | None, *, descendants: bool, siblings: bool) -> None:
+def kill(client: Client, task: str, delay: float, why: str, *, descendants: bool, siblings: bool) -> None:
     """End a task and everything under it.
 
     TASK is a task's number, or its message's name if only one such task lives. Running handlers are told, not
     interrupted: the task ends when they have returned.
     """
     if descendants and siblings:
-        msg = "--descendants and --siblings are given: kill them one after the other"
-        raise click.UsageError(msg)
+        raise click.UsageError("--descendants and --siblings are given: kill them one after the other")
     scope = Scope.DESCENDANTS if descendants else Scope.SIBLINGS if siblings else Scope.TASK
-    with talking("kill", central) as client:
-        click.echo(steering.kill(find_task(client, task), why, delay, scope))
+    click.echo(steering.kill(find_task(client, task), why, delay, scope))
 
 
-@click.command()
+@live_command("suspend")
 @task_argument
-@central_option
-def suspend(task: str, central: str | None) -> None:
+def suspend(client: Client, task: str) -> None:
     """Start nothing more of a task until it is resumed.
 
     TASK is a task's number, or its message's name if only one such task lives. Nothing under it is started either.
     Running handlers are told; they may hold or finish.
     """
-    with talking("suspend", central) as client:
-        click.echo(steering.suspend(find_task(client, task)))
+    click.echo(steering.suspend(find_task(client, task)))
 
 
-@click.command()
+@live_command("resume")
 @click.argument("task", required=False)
-@central_option
-def resume(task: str | None, central: str | None) -> None:
+def resume(client: Client, task: str | None) -> None:
     """Let a suspended task go on, with everything under it.
 
     TASK is a task's number, or its message's name if only one such task lives. Without TASK: let tasks start again
     after a restart of central, whoever has not come back yet.
     """
-    with talking("resume", central) as client:
-        click.echo(steering.resume_all(client) if task is None else steering.resume(find_task(client, task)))
+    if task is not None:
+        click.echo(steering.resume(find_task(client, task)))
+    else:
+        click.echo("tasks start again" if client.go_on() else "no tasks are held back: nothing to be done")
 
 
-@click.command()
+@live_command("retry")
 @task_argument
-@central_option
-def retry(task: str, central: str | None) -> None:
+def retry(client: Client, task: str) -> None:
     """Handle a task again, from the beginning.
 
     TASK is a task's number, or its message's name if only one such task lives. All under it is killed first, except
     monitors of others. A running handler is told; the task begins anew when it has returned.
     """
-    with talking("retry", central) as client:
-        click.echo(steering.retry(find_task(client, task)))
+    click.echo(steering.retry(find_task(client, task)))
 
 
-@click.command("raise")
+@live_command("raise")
 @task_argument
 @click.argument("failure")
 @click.argument("text", default="")
 @click.option("--data", metavar="JSON", help="The failure's data.")
-@central_option
-def raise_failure(task: str, failure: str, text: str, data: str | None, central: str | None) -> None:
+def raise_failure(client: Client, task: str, failure: str, text: str, data: str | None) -> None:
     """Raise a failure on a task, as if its handler had.
 
     TASK is a task's number, or its message's name if only one such task lives. The nearest exception handler is
     called; without one the top-level task ends. FAILURE is any name; TEXT says for people what happened.
     """
-    with talking("raise", central) as client:
-        handle = find_task(client, task)
-        if not handle.fail(Failure(failure, _ANYTHING)(Bare(data) if data is not None else None, text)):
-            raise too_late(handle, "failed")
-        click.echo(f"{printable(str(handle))}: failure '{failure}' was raised")
+    handle = find_task(client, task)
+    if not handle.fail(Failure(failure, _ANYTHING)(Bare(data) if data is not None else None, text)):
+        raise too_late(handle, "failed")
+    click.echo(f"{printable(str(handle))}: failure '{failure}' was raised")
 
 
-@click.command()
+@live_command("unlock")
 @click.argument("resource")
 @click.option("--module", metavar="NAME", help="The module that has it, if several have one of that name.")
-@central_option
-def unlock(resource: str, module: str | None, central: str | None) -> None:
+def unlock(client: Client, resource: str, module: str | None) -> None:
     """Take away a lock or reservation of RESOURCE.
 
     Its holder may still count on it: look at 'tca modules' first.
     """
-    with talking("unlock", central) as client:
-        was_held = client.unlock(resource, module)
-        click.echo(f"resource '{printable(resource)}': " + ("free again" if was_held else "nobody had it"))
+    was_held = client.unlock(resource, module)
+    click.echo(f"resource '{printable(resource)}': " + ("free again" if was_held else "nobody had it"))
 
 
-@click.command()
+@live_command("detach")
 @click.argument("what", required=False)
 @click.option("--stale", is_flag=True, help="All that earlier runs of modules have left behind.")
-@central_option
-def detach(what: str | None, central: str | None, *, stale: bool) -> None:
+def detach(client: Client, what: str | None, *, stale: bool) -> None:
     """Take away an exception handler, wiretap or monitor.
 
     WHAT is its number in 'tca attached', or the name of the exception handler, listener or monitor if only one has it.
@@ -131,11 +117,10 @@ def detach(what: str | None, central: str | None, *, stale: bool) -> None:
     """
     if stale == (what is not None):
         raise click.UsageError("give a number or name, or --stale")
-    with talking("detach", central) as client:
-        if what is None:
-            _detach_stale(client)
-        else:
-            _detach(client, _find_attached(client, what))
+    if what is None:
+        _detach_stale(client)
+    else:
+        _detach(client, _find_attached(client, what))
 
 
 def _detach_stale(client: Client) -> None:
@@ -175,7 +160,7 @@ def _find_attached(client: Client, what: str) -> _Attached:
     if len(found) == 1:
         return found[0]
     if cut and number is not None:  # it may be one of those that are not told
-        return _Attached(min(number, _HIGHEST), "", f"number {number}")
+        return _Attached(number, "", f"number {number}")
     if found:
         msg = f"{len(found)} of that name are attached: give the number of one, {_listed(found)}"
     else:
