@@ -2,7 +2,8 @@
 
 import contextlib
 import inspect
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from types import UnionType
 from typing import Any, NamedTuple
 
 from tca_module.errors import MisuseError
@@ -56,6 +57,10 @@ class ArgumentKind(NamedTuple):
     words: str
     fits: Callable[[Any], bool]
 
+    def or_none(self, meaning: str = "") -> "ArgumentKind":
+        """The same, or None, with its meaning."""
+        return ArgumentKind(f"{self.words}, or None{meaning}", lambda value: value is None or self.fits(value))
+
 
 def check(call: object, kind: ArgumentKind, **values: Any) -> None:
     """Raise MisuseError for the first of these named values that is of another kind."""
@@ -73,16 +78,31 @@ def check_options(what: str, options: Mapping[str, Any], kinds: Mapping[str, Arg
         check(what, kinds[name], **{name: options[name]})
 
 
-def _is_whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
+def _whole(words: str, least: int, most: int = 2**63 - 1) -> ArgumentKind:
+    return ArgumentKind(
+        words, lambda value: isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
+    )
 
 
-def _is_count(value: Any) -> bool:
-    return _is_whole(value) and 1 <= value < 2**63
+def _number(words: str, least: float, most: float = float("inf")) -> ArgumentKind:
+    return ArgumentKind(
+        words, lambda value: isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
+    )
 
 
-def _is_from(value: Any, least: float, most: float = float("inf")) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
+def instance_of(words: str, kind: type | UnionType) -> ArgumentKind:
+    """A value of that class."""
+    return ArgumentKind(words, lambda value: isinstance(value, kind))
+
+
+def one_of(words: str, values: Iterable[object]) -> ArgumentKind:
+    """One of these values."""
+    return ArgumentKind(words, lambda value: value in tuple(values))
+
+
+def list_of(words: str, kind: ArgumentKind) -> ArgumentKind:
+    """A list or tuple of values of that kind."""
+    return ArgumentKind(words, lambda value: isinstance(value, list | tuple) and all(map(kind.fits, value)))
 
 
 def _is_text(text: Any) -> bool:
@@ -90,57 +110,36 @@ def _is_text(text: Any) -> bool:
     return isinstance(text, str) and (text.isascii() or not any("\ud800" <= one <= "\udfff" for one in text))
 
 
-def _is_name(name: Any) -> bool:
-    return isinstance(name, str) and is_name(name)
-
-
-def _is_list(value: Any, fits: Callable[[Any], bool]) -> bool:
-    return isinstance(value, list | tuple) and all(map(fits, value))
-
-
-_NAME = f"1 to {Limit.NAME:d} printable characters"
-
-FLAG = ArgumentKind("True or False", lambda value: isinstance(value, bool))
+FLAG = instance_of("True or False", bool)
 TEXT = ArgumentKind("a text that can be sent", _is_text)
-NAME = ArgumentKind(_NAME, _is_name)
-NAME_OR_NONE = ArgumentKind(f"{_NAME}, or None", lambda value: value is None or _is_name(value))
-SECONDS = ArgumentKind("0 or more seconds, at most ten years", lambda value: _is_from(value, 0, LONGEST_TIME))
-SECONDS_OR_NONE = ArgumentKind(f"{SECONDS.words}, or None", lambda value: value is None or SECONDS.fits(value))
-DURATION = ArgumentKind(
-    "more than 0 seconds, at most ten years", lambda value: _is_from(value, 0, LONGEST_TIME) and value > 0
+NAME = ArgumentKind(f"1 to {Limit.NAME:d} printable characters", lambda name: isinstance(name, str) and is_name(name))
+NAME_OR_NONE = NAME.or_none()
+SECONDS = _number("0 or more seconds, at most ten years", 0, LONGEST_TIME)
+SECONDS_OR_NONE = SECONDS.or_none()
+DURATION = ArgumentKind("more than 0 seconds, at most ten years", lambda value: SECONDS.fits(value) and value > 0)
+DURATION_OR_NONE = DURATION.or_none()
+PERIOD = _number(f"{SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} seconds", SHORTEST_PERIOD, LONGEST_PERIOD)
+DELAY = _number(f"0 to {LONGEST_PERIOD:g} seconds", 0, LONGEST_PERIOD)
+PATIENCE = _number("0 or more seconds", 0)
+TIMEOUT = PATIENCE.or_none(" to wait for ever")
+COUNT = _whole("1 or more", 1)
+MAXIMUM = COUNT.or_none(" for any number")
+HUNG = one_of("'wait' or 'replace'", ("wait", "replace"))
+CAPACITY = _whole("1 to 256", 1, 256)
+PENDING = _whole(f"1 to {MOST_PENDING:,}", 1, MOST_PENDING).or_none()
+PLAN_AHEAD = _whole("0 or more", 0).or_none(" for any number")
+PRIORITY = _whole(
+    f"a whole number from {-HIGHEST_PRIORITY:,} to {HIGHEST_PRIORITY:,}", -HIGHEST_PRIORITY, HIGHEST_PRIORITY
 )
-DURATION_OR_NONE = ArgumentKind(f"{DURATION.words}, or None", lambda value: value is None or DURATION.fits(value))
-PERIOD = ArgumentKind(
-    f"{SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} seconds", lambda v: _is_from(v, SHORTEST_PERIOD, LONGEST_PERIOD)
-)
-DELAY = ArgumentKind(f"0 to {LONGEST_PERIOD:g} seconds", lambda value: _is_from(value, 0, LONGEST_PERIOD))
-PATIENCE = ArgumentKind("0 or more seconds", lambda value: _is_from(value, 0))
-TIMEOUT = ArgumentKind("0 or more seconds, or None to wait for ever", lambda value: value is None or _is_from(value, 0))
-COUNT = ArgumentKind("1 or more", _is_count)
-MAXIMUM = ArgumentKind("1 or more, or None for any number", lambda value: value is None or _is_count(value))
-HUNG = ArgumentKind("'wait' or 'replace'", lambda value: value in ("wait", "replace"))
-CAPACITY = ArgumentKind("1 to 256", lambda value: _is_whole(value) and 1 <= value <= 256)
-PENDING = ArgumentKind(
-    f"1 to {MOST_PENDING:,}, or None", lambda value: value is None or (_is_whole(value) and 1 <= value <= MOST_PENDING)
-)
-PLAN_AHEAD = ArgumentKind("0 or more, or None for any number", lambda v: v is None or (_is_whole(v) and 0 <= v < 2**63))
-PRIORITY = ArgumentKind(
-    f"a whole number from {-HIGHEST_PRIORITY:,} to {HIGHEST_PRIORITY:,}",
-    lambda value: _is_whole(value) and abs(value) <= HIGHEST_PRIORITY,
-)
-NUMBER = ArgumentKind("a number, as in the journal", lambda value: _is_whole(value) and 0 <= value < 2**63)
-POINT = ArgumentKind("a point of a task, such as task.achieving.end", lambda value: isinstance(value, Point))
-POINT_OR_NONE = ArgumentKind(f"{POINT.words}, or None", lambda value: value is None or isinstance(value, Point))
-CONSTRAINT = ArgumentKind(
-    "a constraint, such as a.achieving.end <= b.planning.start", lambda v: isinstance(v, Constraint)
-)
-CONSTRAINTS = ArgumentKind(
-    "a list of constraints, such as [a <= b, c <= d]", lambda value: _is_list(value, CONSTRAINT.fits)
-)
-CONDITION = ArgumentKind("a Condition, such as Condition.BEFORE_HANDLING", lambda value: value in tuple(Condition))
-SCOPE = ArgumentKind(" or ".join(f"Scope.{one.name}" for one in Scope), lambda value: value in tuple(Scope))
-VARIABLE = ArgumentKind("a Variable", lambda value: isinstance(value, Variable))
-MESSAGE = ArgumentKind("a message, such as Goal('walk', Path)", lambda value: isinstance(value, Message))
+NUMBER = _whole("a number, as in the journal", 0)
+POINT = instance_of("a point of a task, such as task.achieving.end", Point)
+POINT_OR_NONE = POINT.or_none()
+CONSTRAINT = instance_of("a constraint, such as a.achieving.end <= b.planning.start", Constraint)
+CONSTRAINTS = list_of("a list of constraints, such as [a <= b, c <= d]", CONSTRAINT)
+CONDITION = one_of("a Condition, such as Condition.BEFORE_HANDLING", Condition)
+SCOPE = one_of(" or ".join(f"Scope.{one.name}" for one in Scope), Scope)
+VARIABLE = instance_of("a Variable", Variable)
+MESSAGE = instance_of("a message, such as Goal('walk', Path)", Message)
 MESSAGES = ArgumentKind(
     "a list of messages, such as [WALK]",
     lambda value: isinstance(value, Collection) and value != "" and all(map(MESSAGE.fits, value)),

@@ -19,7 +19,7 @@ from tca_module.link.waits import PATIENCE
 from tca_module.sending.central_services import Topic
 from tca_module.sending.sender import Sender
 
-_TOPIC = checks.ArgumentKind(f"one of {', '.join(get_args(Topic))}", lambda topic: topic in get_args(Topic))
+_TOPIC = checks.one_of(f"one of {', '.join(get_args(Topic))}", get_args(Topic))
 
 
 class Client(Sender):

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from msgspec.structs import replace
 
 from tca_module.checks import check_function
-from tca_module.errors import ORDINARY, Timeout
+from tca_module.errors import Timeout
 from tca_module.following.observation import News, Observation, is_progress
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_wire.vocabulary import Party
@@ -106,11 +106,7 @@ class ChangeCallback(Generic[C]):
         self.is_over = True
 
     def _call(self, news: News) -> None:
-        if self.is_over:
-            return
-        given: tuple[Any, ...] = (self._connection.root_sender, self._give(news))
-        try:
-            self._function(*given[-self._arguments :])
-            self._connection.settle(0, wait=True)
-        except ORDINARY:  # its author reads the log
-            self._connection.log.exception("%s failed", getattr(self._function, "__qualname__", self._function))
+        if not self.is_over:
+            given = (self._connection.root_sender, self._give(news))[-self._arguments :]
+            name = getattr(self._function, "__qualname__", self._function)
+            self._connection.call_back(partial(self._function, *given), name)

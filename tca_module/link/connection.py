@@ -7,7 +7,7 @@ from typing import Any
 
 from tca_module.checks import check_message
 from tca_module.direct.messages import DirectMessages
-from tca_module.errors import CentralLost, NotSent, Refused, Stopped, Timeout
+from tca_module.errors import ORDINARY, CentralLost, NotSent, Refused, Stopped, Timeout
 from tca_module.link.arrivals import Arrivals
 from tca_module.link.packet_line import SEND_WAIT, STEP
 from tca_module.link.waits import PATIENCE, Waits
@@ -315,6 +315,14 @@ class Connection(Waits):
         with self.mine():
             self.line.catch_up()
             return self.session.open_deliveries.is_suspended(delivery)
+
+    def call_back(self, function: Callable[[], object], name: object) -> None:
+        """Call a user's function. Errors in it, and of what it has sent, are logged: its author reads the log."""
+        try:
+            function()
+            self.settle(0, wait=True)
+        except ORDINARY:
+            self.log.exception("%s failed", name)
 
     def hear_threads(self) -> None:
         """Do what other threads have asked for with ``call_soon``."""

@@ -14,14 +14,7 @@ from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.link.questions import ask
 from tca_module.sending.claim import Claim
-from tca_module.sending.directory import (
-    HandlerInfo,
-    MessageInfo,
-    ModuleInfo,
-    handlers_of,
-    messages_of,
-    modules_of,
-)
+from tca_module.sending.directory import HandlerInfo, MessageInfo, ModuleInfo
 from tca_module.sending.sibling_order import SiblingOrder
 from tca_wire.life_cycles import read_life_cycle
 from tca_wire.messages.controls import ExceptionHandler, Monitor
@@ -213,37 +206,39 @@ class CentralServices:
 
     def modules(self) -> list[ModuleInfo]:
         """The modules that are connected, this one too."""
-        return modules_of(self._ask_central("modules"))
+        return msgspec.msgpack.decode(self._ask_central("modules"), type=list[ModuleInfo])
 
     def messages(self) -> list[MessageInfo]:
         """The messages that are declared, with their formats and handlers."""
-        return messages_of(self._ask_central("messages"))
+        return self._messages()
+
+    def _messages(self, within: float = ACKNOWLEDGED_WITHIN) -> list[MessageInfo]:
+        return msgspec.msgpack.decode(self._ask_central("messages", within), type=list[MessageInfo])
 
     def handlers(self, message: Message[Any, Any]) -> list[HandlerInfo]:
         """The handlers of a message, newest first. The newest gets all messages, unless several share a pool."""
         self._declare(message)
-        return handlers_of(self._ask_central("messages"))[message.name]
+        return next(list(one.handled_by) for one in self._messages() if one.name == message.name)
 
     def declared(self, name: str) -> Any:
         """The message or variable of that name, as some module has declared it, with plain values as data and replies.
         Raises NotDeclared if there is none, MisuseError for a monitor.
         """
         check("declared()", checks.TEXT, name=name)
-        known = msgspec.msgpack.decode(self._ask_central("messages"))
-        found = next((message for message in known if message["message"] == name), None)
-        if found is None:
-            nearest = get_close_matches(name, [message["message"] for message in known], n=1)
+        known = {message.name: message for message in self._messages()}
+        if (found := known.get(name)) is None:
+            nearest = get_close_matches(name, known, n=1)
             advice = f"did you mean '{nearest[0]}'?" if nearest else "see 'tca messages', and start who declares it"
             raise NotDeclared(f"nobody has declared a message '{name}': {advice}")
-        kind: type[Any] | None = _KINDS.get(found["class"])
+        kind: type[Any] | None = _KINDS.get(found.message_class)
         if kind is None:
-            raise MisuseError(f"'{name}' is a {found['class']}: declare it in Python to have it watch")
+            raise MisuseError(f"'{name}' is a {found.message_class}: declare it in Python to have it watch")
         answers: dict[Any, str] = {Command: "result", Query: "reply", MultiQuery: "reply"}
-        options: dict[str, Any] = {answers[kind]: PlainFormat(found["reply"])} if kind in answers else {}
+        options: dict[str, Any] = {answers[kind]: PlainFormat(found.reply)} if kind in answers else {}
         if issubclass(kind, TaskMessage):
-            options["life_cycle"] = read_life_cycle(found["life_cycle"])
-            options["progress"] = PlainFormat(found["progress"]) if found["progress"] else None
-        message: Message[Any, Any] = kind(name, PlainFormat(found["data"]), **options)
+            options["life_cycle"] = read_life_cycle(found.life_cycle)
+            options["progress"] = PlainFormat(found.progress) if found.progress else None
+        message: Message[Any, Any] = kind(name, PlainFormat(found.data), **options)
         return message
 
     def wait_until_handled(self, *messages: Message[Any, Any], timeout: float | None = None) -> None:
@@ -266,11 +261,11 @@ class CentralServices:
     def _unhandled(self, messages: Iterable[Message[Any, Any]], timeout: float | None) -> str:
         named = {message.name: message.title for message in messages}
         try:
-            answer = self._ask_central("messages", _WHY_WITHIN)
+            known = self._messages(_WHY_WITHIN)
         except Timeout:
             return f"not all handled within {timeout:g} s: {', '.join(named.values())}"
-        known = handlers_of(answer)
-        missing = [name for name in named if not any(handler.capacity for handler in known.get(name, ()))]
+        handled = {one.name for one in known if any(handler.capacity for handler in one.handled_by)}
+        missing = [name for name in named if name not in handled]
         return f"not handled within {timeout:g} s: {', '.join(named[name] for name in missing)}"
 
 

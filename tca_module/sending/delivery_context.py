@@ -54,7 +54,7 @@ class Trouble:
 
         """
         header = Resolve(0, self.failing._origin)  # noqa: SLF001
-        return self.failing._steer(header, LateText(lambda: f"resolving {self}"))  # noqa: SLF001
+        return self.failing._steer(header, f"resolving failure '{self.failure}' of")  # noqa: SLF001
 
     def reissue(self) -> Exception:
         """The error to raise so that the search goes on above at once: ``raise task.trouble.reissue()``
@@ -95,12 +95,11 @@ class MonitorRef(TaskRef, Generic[D]):
         if action is not None:
             name, body = action.name, action.encode_data(data)
             self._connection().declare(action)
-        header = Fire(0, self._node(), name, self._origin)
-        return self._steer(header, LateText(lambda: f"firing {self._in_words}"), body)
+        return self._steer(Fire(0, self._node(), name, self._origin), "firing", body)
 
     def end(self) -> bool:
         """End the monitor; the tasks it has sent go on. Returns False if it had ended."""
-        return self._steer(EndMonitor(0, self._node(), self._origin), LateText(lambda: f"ending {self._in_words}"))
+        return self._steer(EndMonitor(0, self._node(), self._origin), "ending")
 
 
 def check_action(what: object, wanted: str, action: Any) -> None:
@@ -116,21 +115,19 @@ def check_action(what: object, wanted: str, action: Any) -> None:
 def context_of(connection: Connection, delivery: Deliver, origin: int) -> "Trouble | TapEvent | MonitorRef[Any] | None":
     """The context of a delivery, with references to tasks of its central."""
 
-    def known(involved: parts.Involved) -> TaskId:
-        return with_epoch(involved.task, connection.session.epoch, numbered(involved.message, involved.task))
+    def known(involved: parts.Involved) -> tuple[Connection, str, TaskId, int]:
+        message, task = involved.message, involved.task
+        return connection, message, with_epoch(task, connection.session.epoch, numbered(message, task)), origin
 
-    def ref(involved: parts.Involved) -> TaskRef:
-        return TaskRef(connection, involved.message, known(involved), origin)
+    def ref(involved: parts.Involved) -> TaskRef | None:
+        return TaskRef(*known(involved)) if involved.task else None
 
     context = delivery.context
     if isinstance(context, parts.Trouble):
-        attached = ref(context.attached) if context.attached.task else None
-        failing = ref(context.failing)
+        failing, attached = TaskRef(*known(context.failing)), ref(context.attached)
         return Trouble(context.failure, context.text, failing, attached, context.attempts, context.invocations)
     if isinstance(context, parts.Tapped):
-        tapped = ref(context.tapped) if context.tapped.task else None
-        return TapEvent(context.condition, context.tapped.message, tapped)
+        return TapEvent(context.condition, context.tapped.message, ref(context.tapped))
     if isinstance(context, parts.Watching):
-        monitor = context.monitor
-        return MonitorRef(connection, monitor.message, known(monitor), origin, context.action)
+        return MonitorRef(*known(context.monitor), context.action)
     return None

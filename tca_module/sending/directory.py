@@ -60,18 +60,3 @@ class MessageInfo(msgspec.Struct, frozen=True):
     """The table of a task's life cycle ("": the general one)."""
     handled_by: tuple[HandlerInfo, ...]
     """Newest first."""
-
-
-def modules_of(answer: bytes) -> list[ModuleInfo]:
-    """From central's answer to the topic "modules"."""
-    return msgspec.msgpack.decode(answer, type=list[ModuleInfo])
-
-
-def messages_of(answer: bytes) -> list[MessageInfo]:
-    """From central's answer to the topic "messages"."""
-    return msgspec.msgpack.decode(answer, type=list[MessageInfo])
-
-
-def handlers_of(answer: bytes) -> dict[str, list[HandlerInfo]]:
-    """By message name, newest first; from central's answer to the topic "messages"."""
-    return {info.name: list(info.handled_by) for info in messages_of(answer)}

@@ -5,7 +5,7 @@ from collections.abc import Callable, Generator, Iterator
 from typing import Any, Generic, Self
 
 from tca_module.checks import TIMEOUT, check
-from tca_module.errors import ORDINARY, BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
+from tca_module.errors import BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
 from tca_module.link.connection import Connection
 from tca_module.session.request import Request
 from tca_wire.messages.declarations import Message, MultiQuery, Query, R
@@ -161,21 +161,18 @@ class Notification(Generic[R]):
             self._pending.cancel()
 
     def _call(self) -> None:
-        if self.is_over:
-            return
+        if not self.is_over:
+            name = getattr(self._callback, "__qualname__", self._callback)
+            self._connection.call_back(self._answer, f"callback {name}")
+            self.is_over = True
+
+    def _answer(self) -> None:
         sender = self._connection.root_sender
         try:
-            try:
-                reply = self._pending.receive(0)
-            except (TcaError, BadData) as error:
-                if self._on_failure is None:
-                    raise
-                self._on_failure(sender, error)
-            else:
-                self._callback(sender, reply)
-            self._connection.settle(0, wait=True)
-        except ORDINARY:  # its author reads the log
-            name = getattr(self._callback, "__qualname__", self._callback)
-            self._connection.log.exception("callback %s failed", name)
-        finally:
-            self.is_over = True
+            reply = self._pending.receive(0)
+        except (TcaError, BadData) as error:
+            if self._on_failure is None:
+                raise
+            self._on_failure(sender, error)
+        else:
+            self._callback(sender, reply)

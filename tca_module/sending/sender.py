@@ -11,7 +11,7 @@ from tca_module.link.connection import Connection
 from tca_module.sending.attachments import Recovery
 from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
 from tca_module.sending.task_ref import SentTask, TaskRef, node_of
-from tca_module.sending.watching import WatchingServices
+from tca_module.sending.watching import TASK, WatchingServices
 from tca_module.session.request import Request
 from tca_wire.constraints import Constraint, Flags, not_before
 from tca_wire.messages.declarations import (
@@ -31,13 +31,8 @@ from tca_wire.vocabulary import Refusal
 
 _SHORTEST_PAUSE, _LONGEST_PAUSE = 0.01, 0.1  # seconds between two tries to send where there was no room
 
-_TASK = checks.ArgumentKind(
-    "a task that was sent or found, such as tasks(WALK)[0]", lambda task: isinstance(task, TaskRef)
-)
-
-_RECOVERIES = checks.ArgumentKind(
-    "a list of recoveries, such as [Recovery(COLLISION, RAISE_LEG)]",
-    lambda value: isinstance(value, list | tuple) and all(isinstance(one, Recovery) for one in value),
+_RECOVERIES = checks.list_of(
+    "a list of recoveries, such as [Recovery(COLLISION, RAISE_LEG)]", checks.instance_of("a recovery", Recovery)
 )
 
 
@@ -183,7 +178,7 @@ class Sender(WatchingServices):
         them. A monitor without an end of its own ends with the task, and a kill of the task kills all. Sending raises
         Refused ("too late") when the task has ended.
         """
-        check("under()", _TASK, task=task)
+        check("under()", TASK, task=task)
         return _Under(self, self._origin, task)
 
     def sequence(self, plan_ahead: int | None = None) -> AbstractContextManager[None]:

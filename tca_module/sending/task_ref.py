@@ -102,12 +102,12 @@ class SteerableTask(TaskIntervals, NamedTask):
         Running handlers are told and woken from their waits, but not interrupted. Returns False if the task had ended;
         a killed task whose handler still runs has not.
         """
-        what = LateText(lambda: f"killing {self._in_words}")
+        what = self._doing("killing")
         check(what, checks.TEXT, why=why)
         check(what, checks.SECONDS, delay=delay)
         check(what, checks.SCOPE, scope=scope)
         check(what, checks.POINT_OR_NONE, after=after)
-        return self._steer(headers.Kill(0, self._node(), why, scope, after, delay, origin=self._origin), what)
+        return self._steer(headers.Kill(0, self._node(), why, scope, after, delay, origin=self._origin), "killing")
 
     @overload
     def on_termination(self, message: Goal[None] | Command[None, Any], data: None = None) -> None: ...
@@ -123,17 +123,18 @@ class SteerableTask(TaskIntervals, NamedTask):
         body = message.encode_data(data)
         header = headers.Send(0, message.name, self._node(), self._origin, when_killed=True)
         self._connection().declare(message)
-        self._connection().call(header, LateText(lambda: f"on termination of {self._in_words}"), body)
+        self._connection().call(header, self._doing("on termination of"), body)
 
     def deadline(self, seconds: float, point: Point | None = None) -> bool:
         """Raise the failure "timeout" on the task if *point* (its end) is not reached within *seconds* from now.
 
         Every deadline counts: a later one extends nothing. Returns False if the point's task had ended or been killed.
         """
-        what = LateText(lambda: f"a deadline of {self._in_words}")
+        what = self._doing("a deadline of")
         check(what, checks.DURATION, seconds=seconds)
         check(what, checks.POINT_OR_NONE, point=point)
-        return self._steer(headers.Deadline(0, point or self.achieving.end, seconds, self._origin), what)
+        header = headers.Deadline(0, point or self.achieving.end, seconds, self._origin)
+        return self._steer(header, "a deadline of")
 
     # --- failures --------------------------------------------------------------------------------------------------
 
@@ -145,8 +146,7 @@ class SteerableTask(TaskIntervals, NamedTask):
             hint = f"'{failure.name}' is only declared, call it" if isinstance(failure, Failure) else "COLLISION(data)"
             raise MisuseError(f"fail() takes a failure with its data, not {failure!r:.60}: {hint}")
         header = headers.Raise(0, self._node(), failure.name, failure.text, failure.kinds, self._origin)
-        what = LateText(lambda: f"raising '{failure.name}' on {self._in_words}")
-        return self._steer(header, what, failure.body)
+        return self._steer(header, f"raising '{failure.name}' on", failure.body)
 
     @overload
     def retry(self, message: Message[None, Any] | None = None, data: None = None) -> bool: ...
@@ -165,19 +165,17 @@ class SteerableTask(TaskIntervals, NamedTask):
             raise MisuseError(f"{self} can't be retried with data of '{message.name}'")
         body = message.encode_data(data) if message is not None else b""
         header = headers.Retry(0, self._node(), message is not None, self._origin)
-        return self._steer(header, LateText(lambda: f"a retry of {self._in_words}"), body)
+        return self._steer(header, "a retry of", body)
 
     # --- suspending ------------------------------------------------------------------------------------------------
 
     def suspend(self) -> bool:
         """Start nothing more of the task and its subtasks. Handlers are told. False if the task had ended."""
-        header = headers.Suspend(0, self._node(), origin=self._origin)
-        return self._steer(header, LateText(lambda: f"suspending {self._in_words}"))
+        return self._steer(headers.Suspend(0, self._node(), origin=self._origin), "suspending")
 
     def resume(self) -> bool:
         """Let a suspended task go on; does no harm to one that was not. Returns False if the task had ended."""
-        header = headers.Suspend(0, self._node(), resume=True, origin=self._origin)
-        return self._steer(header, LateText(lambda: f"resuming {self._in_words}"))
+        return self._steer(headers.Suspend(0, self._node(), resume=True, origin=self._origin), "resuming")
 
     # --- kept tasks ------------------------------------------------------------------------------------------------
 
@@ -189,13 +187,11 @@ class SteerableTask(TaskIntervals, NamedTask):
         At most 10,000 tasks, living ones too, may be kept; Refused ("overload") for one more, ("too late") if the task
         has ended. Beyond 64 MiB the oldest records are forgotten, with all under them.
         """
-        header = headers.Keep(0, self._node(), origin=self._origin)
-        self._connection().call(header, LateText(lambda: f"keeping {self._in_words}"))
+        self._steer(headers.Keep(0, self._node(), origin=self._origin), "keeping")
 
     def release(self) -> None:
         """Undo ``keep`` for this module; does no harm to a task that was not kept."""
-        header = headers.Keep(0, self._node(), release=True, origin=self._origin)
-        self._connection().call(header, LateText(lambda: f"releasing {self._in_words}"))
+        self._steer(headers.Keep(0, self._node(), release=True, origin=self._origin), "releasing")
 
     def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
         """The ended tasks under it that are kept, in the order of their ends."""
@@ -245,9 +241,13 @@ class SteerableTask(TaskIntervals, NamedTask):
             info = TaskInfo.known_from(row, request.epoch)
             yield info, TaskRef(connection, info.message, info.id, self._origin)
 
-    def _steer(self, header: Any, what: LateText, body: bytes = b"") -> bool:
-        """Call central; whether that changed anything: else it answers with id 0."""
-        return bool(self._connection().call(header, what, body))
+    def _steer(self, header: headers.ToCentral, doing: str, body: bytes = b"") -> bool:
+        """Call central; whether that changed anything: else it answers with id 0. *doing* says what is done to it."""
+        return bool(self._connection().call(header, self._doing(doing), body))
+
+    def _doing(self, doing: str) -> LateText:
+        """That something is done to the task, for errors."""
+        return LateText(lambda: f"{doing} {self._in_words}")
 
 
 class TaskRef(SteerableTask, FollowedTask["Change"]):
@@ -369,7 +369,7 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
         wanted = Recovery(failure, handler, maximum=maximum).attachment
         self._connection().declare(handler)
         header = headers.Attach(0, wanted, self._node(), origin=self._origin)
-        number = self._connection().call(header, LateText(lambda: f"attaching '{handler.name}' to {self._in_words}"))
+        number = self._connection().call(header, self._doing(f"attaching '{handler.name}' to"))
         return AttachmentRef(self._connection(), number, header)
 
 

@@ -82,9 +82,7 @@ _STATES = checks.ArgumentKind(
     "a list of states, such as ['running']",
     lambda value: isinstance(value, list | tuple | set | frozenset) and all(map(checks.NAME.fits, value)),
 )
-_TASK_OR_NONE = checks.ArgumentKind(
-    "a task that was sent or found, or None", lambda task: task is None or isinstance(task, TaskRef)
-)
+TASK = checks.instance_of("a task that was sent or found, such as tasks(WALK)[0]", TaskRef)
 
 
 def checked_states(call: str, message: object, states: Collection[str]) -> list[str]:
@@ -150,7 +148,7 @@ class WatchingServices(CentralServices):
                     print(change.task, change.state)
         """
         wanted = checked_states("observe()", message, states)
-        check("observe()", _TASK_OR_NONE, below=below)
+        check("observe()", TASK.or_none(), below=below)
         connection = self._declare(message) if isinstance(message, Message) else self._connection()
         name = message.name if isinstance(message, Message) else message or ""
         under = node_of(below) if below is not None else ROOT

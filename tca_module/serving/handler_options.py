@@ -43,15 +43,14 @@ class HandlerOptions(TypedDict, total=False):
     when_busy: WhenBusy | None
 
 
-BUSY = ArgumentKind("'queue', 'preempt' or 'reject'", lambda value: value in tuple(Busy))
-_BUSY_OR_NONE = ArgumentKind(f"{BUSY.words}, or None", lambda value: value is None or BUSY.fits(value))
+BUSY = checks.one_of("'queue', 'preempt' or 'reject'", Busy)
 _TRANSITIONS = ArgumentKind(
     "a list of transitions, such as ['update', 'cancel']",
     lambda value: isinstance(value, list | tuple | set | frozenset) and all(isinstance(one, str) for one in value),
 )
 _KINDS = {
     "resource": checks.NAME_OR_NONE, "pool": checks.NAME_OR_NONE, "pending": checks.PENDING, "direct": checks.FLAG,
-    "accepts": checks.FLAG, "takes": _TRANSITIONS, "refuses": _TRANSITIONS, "when_busy": _BUSY_OR_NONE,
+    "accepts": checks.FLAG, "takes": _TRANSITIONS, "refuses": _TRANSITIONS, "when_busy": BUSY.or_none(),
 }  # fmt: skip
 _OF_TASKS = ("accepts", "takes", "refuses", "when_busy")
 

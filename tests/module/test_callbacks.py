@@ -13,7 +13,8 @@ from module.robot import MOVE_LEG, STANCE, TEMPERATURE, Footfall
 from tca_module import Callback, Client, MisuseError, Module, Task
 from tca_module.checks import check_function
 from tca_module.link.connection import Connection
-from tca_module.serving.callbacks import Callbacks, Timers
+from tca_module.log import log_of
+from tca_module.serving.callbacks import Callbacks, DueTime
 from tca_module.session.session import Session
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Received
@@ -49,6 +50,7 @@ class Clock:
         connection.transport = self  # type: ignore[assignment]
         connection.session = Session(Hello(0, PROTOCOL_VERSION, "legs", "run"))
         connection._lock = threading.RLock()
+        connection.log = log_of("legs")
         self.callbacks.begin(connection)
 
     def pass_by(self, seconds: float, ready: dict[int, bool] | None = None) -> None:
@@ -288,65 +290,37 @@ def test_a_closed_file_is_noticed_by_the_thread(legs: Module, user: Client, capl
 # --- When timers are due, on a clock of the test's own ---------------------------------------------------------------
 
 
-@pytest.fixture
-def timers() -> Timers[str]:
-    return Timers()
+def test_what_is_due_once() -> None:
+    time = DueTime(5.0, is_once=True)
+    assert time.due == math.inf
+    time.begin(2.0)
+    assert time.due == 7.0
+    time.due = math.inf
+    time.was_done(8.0)
+    assert time.due == math.inf
 
 
-def test_what_is_due_once(timers: Timers[str]) -> None:
-    assert timers.next() == math.inf
-    assert timers.take_due(1e9) == []
-    assert not timers.was_done("unknown", 1.0)
-    timers.once("ring", 5.0)
-    assert timers.next() == 5.0
-    assert timers.take_due(4.9) == []
-    assert timers.take_due(5.0) == ["ring"]
-    assert timers.take_due(6.0) == []
-    assert not timers.was_done("ring", 6.0)
-    assert timers.next() == math.inf
-
-
-def test_the_order_is_that_of_the_times_then_of_arrival(timers: Timers[str]) -> None:
-    for name, at in (("late", 3.0), ("early", 1.0), ("early too", 1.0)):
-        timers.once(name, at)
-    assert timers.take_due(9.0) == ["early", "early too", "late"]
-
-
-def test_a_period_does_not_drift(timers: Timers[str]) -> None:
-    timers.every("beat", 0.1, 100.0)
+def test_a_period_does_not_drift() -> None:
+    time = DueTime(0.1, is_once=False)
+    time.begin(100.0)
     for turn in range(1, 1001):
-        due = timers.next()
-        assert due == pytest.approx(100.0 + turn * 0.1, abs=1e-9)
-        assert timers.take_due(due + 0.03) == ["beat"]  # always a little late
-        assert timers.was_done("beat", due + 0.04)
+        assert time.due == pytest.approx(100.0 + turn * 0.1, abs=1e-9)
+        time.was_done(time.due + 0.04)  # always a little late
 
 
-def test_what_was_missed_is_left_out(timers: Timers[str]) -> None:
+def test_what_was_missed_is_left_out() -> None:
     """After a stall, or a long call, the next is at a multiple of the period again."""
-    timers.every("beat", 1.0, 0.0)
-    assert timers.take_due(7.3) == ["beat"]
-    assert timers.next() == math.inf
-    assert timers.was_done("beat", 9.4)
-    assert timers.take_due(9.9) == []
-    assert timers.next() == 10.0
+    time = DueTime(1.0, is_once=False)
+    time.begin(0.0)
+    time.was_done(9.4)
+    assert time.due == 10.0
 
 
-def test_a_call_that_ends_when_the_next_is_due_does_not_come_twice(timers: Timers[str]) -> None:
-    timers.every("beat", 0.1, 0.0)
+def test_a_call_that_ends_when_the_next_is_due_does_not_come_twice() -> None:
+    time = DueTime(0.1, is_once=False)
+    time.begin(0.0)
     times: list[float] = []
     for _ in range(1000):
-        times.append(timers.next())
-        timers.take_due(times[-1])
-        timers.was_done("beat", times[-1])
+        times.append(time.due)
+        time.was_done(times[-1])
     assert len(set(times)) == 1000
-
-
-def test_what_was_removed_is_not_due(timers: Timers[str]) -> None:
-    timers.every("beat", 1.0, 0.0)
-    timers.once("ring", 2.0)
-    timers.remove("beat")
-    timers.remove("unknown")
-    assert timers.next() == 2.0
-    assert timers.take_due(9.0) == ["ring"]
-    timers.remove("ring")  # from within
-    assert not timers.was_done("ring", 9.0)
