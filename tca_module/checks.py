@@ -62,6 +62,11 @@ class ArgumentKind(NamedTuple):
         return ArgumentKind(f"{self.words}, or None{meaning}", lambda value: value is None or self.fits(value))
 
 
+def quoted(names: Iterable[str], between: str = ", ") -> str:
+    """Names in quotes, for errors."""
+    return between.join(f"'{name}'" for name in names) or "none"
+
+
 def check(call: object, kind: ArgumentKind, **values: Any) -> None:
     """Raise MisuseError for the first of these named values that is of another kind."""
     for name, value in values.items():

@@ -329,7 +329,7 @@ class Module(Sender):
                 self._log.warning("%s", request.answers.popleft()[0].text)
             if not warned and time.monotonic() - since > _WARN_AFTER:
                 warned = True
-                names = ", ".join(f"'{message.name}'" for message in required)
+                names = checks.quoted(message.name for message in required)
                 self._log.warning("waits for handlers of %s, which it requires; see 'tca messages'", names)
 
     def _open_slots(self, incarnation: str, patience: float, attachments: LastingAttachments) -> None:

@@ -1,9 +1,9 @@
 """What a client does with a task beside waiting for its end: follow its state, give it a new goal, cancel it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection
 from typing import Any, Generic, TypeVar, overload
 
-from tca_module.checks import NAME, TEXT, LateText, check, check_message
+from tca_module.checks import NAME, TEXT, LateText, check, check_message, quoted
 from tca_module.errors import MisuseError, Refused, Timeout
 from tca_module.following.mirror import C, ChangeCallback, Mirror
 from tca_module.following.observation import News, Observation
@@ -35,6 +35,13 @@ def life_cycle_of(message: Message[Any, Any] | None) -> LifeCycle:
     return message.life_cycle if isinstance(message, TaskMessage) else GENERAL
 
 
+def check_states(what: str, message: Message[Any, Any] | None, states: Collection[str]) -> None:
+    """Raise MisuseError for a state that the tasks of a message never have, if it is declared here."""
+    cycle = life_cycle_of(message)
+    if message is not None and (unknown := sorted(set(states) - set(cycle.states))):
+        raise MisuseError(f"{what} is never '{unknown[0]}': {cycle} has {quoted(cycle.states)}")
+
+
 class NamedTask:
     """A task as a program has it: what its handle provides."""
 
@@ -47,7 +54,12 @@ class NamedTask:
 
     @property
     def _in_words(self) -> str:
-        raise NotImplementedError
+        """The task for people, with its id if that is known: nobody waits for it."""
+        return str(self)
+
+    def _doing(self, doing: str) -> LateText:
+        """That something is done to the task, for errors."""
+        return LateText(lambda: f"{doing} {self._in_words}")
 
     def _connection(self) -> Connection:
         """The connection of the calling thread."""
@@ -79,7 +91,7 @@ class FollowedTask(NamedTask, Generic[C]):
 
     def _followed(self) -> Mirror:
         if self._mirror is None:
-            what = LateText(lambda: f"the state of {self._in_words}")
+            what = self._doing("the state of")
             header = Observe(0, self._node(), self.message, origin=self._origin)
             observation = Observation(self._connection(), header, what)
             self._mirror = Mirror(observation, self._in_words)
@@ -131,7 +143,9 @@ class FollowedTask(NamedTask, Generic[C]):
             if grasp.wait_for_state("running") == "running":
                 grasp.update(Grip("cup"))
         """
-        self._check_states(states)
+        if not states or not all(isinstance(one, str) for one in states):
+            raise MisuseError(f'wait_for_state(): give one or more states, such as "running", not {states!r:.60}')
+        check_states(f"wait_for_state(): {self._in_words}", self._declared(), states)
         mirror = self._followed()
         came = mirror.observation.unread(lambda news: news.change.state in states or news.change.is_over)
         mirror.observation.catch_up()
@@ -142,14 +156,6 @@ class FollowedTask(NamedTask, Generic[C]):
             what = f"{self._in_words} was not {' or '.join(states)}"
             raise Timeout(f"{what} within {timeout:g} s, but is {mirror.known or 'unknown'}", can_wait=True)
         return came.take().change.state
-
-    def _check_states(self, states: Sequence[str]) -> None:
-        cycle = self._life_cycle
-        if not states or not all(isinstance(one, str) for one in states):
-            raise MisuseError(f'wait_for_state(): give one or more states, such as "running", not {states!r:.60}')
-        if self._declared() is not None and (unknown := sorted(set(states) - set(cycle.states))):
-            listed = ", ".join(f"'{one}'" for one in cycle.states)
-            raise MisuseError(f"wait_for_state(): {self._in_words} is never '{unknown[0]}': {cycle} has {listed}")
 
     @overload
     def progress(self, kind: None = None, *, timeout: float | None = ...) -> Stream[Any]: ...
@@ -215,7 +221,7 @@ class FollowedTask(NamedTask, Generic[C]):
         """Ask for the end of the task, without waiting: its handler decides, and may take its time; where it says
         nothing of cancels, the task is killed. It is not lost, even while central is away.
         """
-        what, cycle = LateText(lambda: f"cancelling {self._in_words}"), self._life_cycle
+        what, cycle = self._doing("cancelling"), self._life_cycle
         check(what, TEXT, why=why)
         names = [row.name for row in cycle.transitions if row.by is Party.CLIENT and cycle.ends_on_request(row.target)]
         if not names:
@@ -231,7 +237,7 @@ class FollowedTask(NamedTask, Generic[C]):
 
         Raises MisuseError for a transition that is no client's, Refused if the task's state has no such way out.
         """
-        check(LateText(lambda: f"take() of {self._in_words}"), NAME, transition=transition)
+        check(self._doing("take() of"), NAME, transition=transition)
         what = f"'{transition}' of {self._in_words}"
         check(what, TEXT, why=why)
         self._know(message)
@@ -243,10 +249,9 @@ class FollowedTask(NamedTask, Generic[C]):
         """Raise an error if no client can take that transition, or none in a *state* that is known ("": it is not)."""
         cycle = self._life_cycle
         if name not in (names := cycle.names(Party.CLIENT)) and self._declared() is not None:
-            listed = ", ".join(f"'{one}'" for one in names) or "none"
-            raise MisuseError(f"{what}: no client can take that; {cycle} has for clients: {listed}")
+            raise MisuseError(f"{what}: no client can take that; {cycle} has for clients: {quoted(names)}")
         if state and name in names and not cycle.is_over(state) and cycle.step(state, name, Party.CLIENT) is None:
-            sources = " or ".join(f"'{one}'" for one in cycle.sources(name, Party.CLIENT))
+            sources = quoted(cycle.sources(name, Party.CLIENT), " or ")
             raise Refused(what, Refusal.TOO_LATE, f"the task is '{state}', and that is possible while it is {sources}")
 
     def _change(self, name: str, why: str) -> ChangeState:

@@ -19,8 +19,8 @@ from tca_module.session.sent_tasks import SentId
 from tca_module.session.session import Session
 from tca_module.sockets.transport import Transport
 from tca_wire.messages.declarations import Message
+from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState
-from tca_wire.packets.headers import Bye, Fail, Register, Release, Reply, Send, ToCentral, Unregister
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId
 
@@ -58,7 +58,7 @@ class Connection(Waits):
         self.session.withdrawn()
         with contextlib.suppress(CentralLost, Timeout, Refused):
             if self.session.is_welcome:
-                self.call(Unregister(0, []), "leaving", within=_LEAVE_WITHIN)
+                self.call(headers.Unregister(0, []), "leaving", within=_LEAVE_WITHIN)
 
     def close(self, linger: float = LINGER, before: int = 0) -> None:
         """Say goodbye when all that was sent has arrived, or after *linger* seconds. Raises NotSent if something may
@@ -76,7 +76,7 @@ class Connection(Waits):
                 number = self.arrivals.missing - before
                 why = self.arrivals.why_missing() if number else ""
                 self.direct.report(at_once=True)
-                if session.post(Bye()):
+                if session.post(headers.Bye()):
                     self.line.flush(0.0 if number else SEND_WAIT)
                 self.drop()
             if number:
@@ -125,7 +125,9 @@ class Connection(Waits):
             check_message(message)
         return self._declared.get(message.name) is message
 
-    def call(self, header: ToCentral, what: object, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN) -> int:
+    def call(
+        self, header: headers.ToCentral, what: object, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN
+    ) -> int:
         """Have central do something; the id of the resulting task or message. *what* names it in errors."""
         with self.mine():
             request = self.request(header, body, is_awaited=True)
@@ -141,7 +143,7 @@ class Connection(Waits):
 
     # --- tasks -----------------------------------------------------------------------------------------------------
 
-    def send_task(self, header: Send, body: bytes, what: str) -> TaskId:
+    def send_task(self, header: headers.Send, body: bytes, what: str) -> TaskId:
         """Send a goal, command or monitor. Waits neither for its id nor for central's word, unless central is away: an
         error is raised by whatever uses the id, by the next call of the same sender, or by ``settle``.
         """
@@ -212,12 +214,12 @@ class Connection(Waits):
         session.sends.check(origin)
 
     def request(
-        self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
+        self, header: headers.ToCentral, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
     ) -> Request:
         """Ask central. Waits a little if it takes nothing now; not with *is_awaited*: then ``wait`` follows."""
         with self.mine():
             self._catch_up_for(header)
-            if not (wants_answer and isinstance(header, Send)):
+            if not (wants_answer and isinstance(header, headers.Send)):
                 request = self.session.request(header, body, wants_answer=wants_answer)
             elif (asked := self.direct.ask(header, body)) is not None:
                 self.line.flush(wait_seconds=0)
@@ -227,7 +229,7 @@ class Connection(Waits):
             self.line.flush(0.0 if is_awaited else SEND_WAIT, is_patient=is_awaited)
             return request
 
-    def _catch_up_for(self, header: ToCentral, epoch: str | None = None) -> None:
+    def _catch_up_for(self, header: headers.ToCentral, epoch: str | None = None) -> None:
         """Take in what central has said. Raises CentralLost if a header is for the central before it, of *epoch*."""
         session = self.session
         epoch = session.epoch if epoch is None else epoch
@@ -241,7 +243,7 @@ class Connection(Waits):
             self.line.flush(wait_seconds=0)
             raise
 
-    def _check_header(self, header: ToCentral, numbers: list[EpochNumber], epoch: str) -> None:
+    def _check_header(self, header: headers.ToCentral, numbers: list[EpochNumber], epoch: str) -> None:
         session = self.session
         session.sends.check(getattr(header, "origin", None))
         if not numbers:
@@ -253,7 +255,7 @@ class Connection(Waits):
                 number.be_nameable(self)
         if first_foreign(numbers, session.epoch) is not None:
             with contextlib.suppress(CentralLost, Timeout):  # this one may have yet to hear of the restart
-                self.call(Register(0, []), "a word of central's")
+                self.call(headers.Register(0, []), "a word of central's")
         check_epoch(numbers, session.epoch)
 
     def declared(self, name: str) -> Message[Any, Any] | None:
@@ -264,7 +266,7 @@ class Connection(Waits):
         """Release the lock of a request; whether it was still held. With *at_once*, without waiting. Raises CentralLost
         if central does not answer; it is told as soon as it does.
         """
-        header = Release(0, request.header.number, getattr(request.header, "origin", 0))
+        header = headers.Release(0, request.header.number, getattr(request.header, "origin", 0))
         if self.is_taken(request) or at_once:
             with self._lock:
                 self.session.request(header)
@@ -283,7 +285,7 @@ class Connection(Waits):
             self.line.catch_up()
             return bool(request.taken)
 
-    def post(self, header: ToCentral, body: bytes) -> None:
+    def post(self, header: headers.ToCentral, body: bytes) -> None:
         """Send something that has no answer. If central is not there, it is lost, counted and logged."""
         with self.mine():
             self._catch_up_for(header)
@@ -296,7 +298,7 @@ class Connection(Waits):
             if self.session.dropped > dropped == 0:
                 self.log.warning("central at %s is not there: informs and broadcasts are lost", self.transport.address)
 
-    def reply(self, header: Reply | Fail, body: bytes) -> None:
+    def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
         """A handler ended."""
         with self._lock:
             if self.direct.reply(header, body):

@@ -30,7 +30,7 @@ from tca_wire.messages.declarations import (
     TaskMessage,
     Variable,
 )
-from tca_wire.packets.headers import Ask, GetVariable, GoOn, Lock, Remove, SetVariable, Unlock, WaitUntilHandled
+from tca_wire.packets import headers
 from tca_wire.points import ROOT, TaskId
 from tca_wire.text.plain_data import PlainFormat
 
@@ -97,7 +97,7 @@ class CentralServices:
         check("set_variable()", checks.FLAG, wait=wait)
         body = variable.encode_data(value)
         connection = self._declare(variable)
-        header = SetVariable(0, variable.name, self._origin)
+        header = headers.SetVariable(0, variable.name, self._origin)
         if wait:
             connection.call(header, f"setting variable '{variable.name}'", body)
         else:
@@ -111,7 +111,7 @@ class CentralServices:
         """The newest value of a variable (TCA 7.7: GetVar); if never set *default*, or VariableNotSet is raised."""
         check("get_variable()", checks.VARIABLE, variable=variable)
         connection = self._declare(variable)
-        body = ask(connection, GetVariable(0, variable.name), f"variable '{variable.name}'")
+        body = ask(connection, headers.GetVariable(0, variable.name), f"variable '{variable.name}'")
         if body:
             return variable.decode_data(body)
         if default is _NO_DEFAULT:
@@ -127,7 +127,7 @@ class CentralServices:
         check("swap_variable()", checks.VARIABLE, variable=variable)
         body = variable.encode_data(value)
         connection = self._declare(variable)
-        header = SetVariable(0, variable.name, self._origin, swap=True)
+        header = headers.SetVariable(0, variable.name, self._origin, swap=True)
         before = ask(connection, header, f"exchanging variable '{variable.name}'", body)
         return variable.decode_data(before) if before else default
 
@@ -164,14 +164,14 @@ class CentralServices:
         """
         check("unlock()", checks.NAME, resource=resource)
         check("unlock()", checks.NAME_OR_NONE, module=module)
-        header = Unlock(0, resource, module or "", self._origin)
+        header = headers.Unlock(0, resource, module or "", self._origin)
         return bool(self._connection().call(header, f"unlocking resource '{resource}'"))
 
     def go_on(self) -> bool:
         """Let tasks start again after a restart of central, whoever has not come back yet; whether they were held back.
         For operators: see ``tca central --resume hold``.
         """
-        return bool(self._connection().call(GoOn(0), "letting tasks start again"))
+        return bool(self._connection().call(headers.GoOn(0), "letting tasks start again"))
 
     # --- attachments -----------------------------------------------------------------------------------------------
 
@@ -181,7 +181,7 @@ class CentralServices:
         a task.
         """
         check("detach()", checks.NUMBER, number=number)
-        header = Remove(0, number, for_all=True, origin=self._origin)
+        header = headers.Remove(0, number, for_all=True, origin=self._origin)
         return bool(self._connection().call(header, f"detaching {number}"))
 
     def _claim(
@@ -194,7 +194,9 @@ class CentralServices:
         brief = is_brief(call, timeout)
         check(call, checks.SECONDS, timeout=timeout or 0)
         seconds = -1 if timeout is None else timeout
-        header = Lock(0, resource, module or "", reserve, self._origin, seconds, priority, blocking=True, brief=brief)
+        header = headers.Lock(
+            0, resource, module or "", reserve, self._origin, seconds, priority, blocking=True, brief=brief
+        )
         claim = Claim(self._connection(), header)
         claim.wait(timeout)
         return claim
@@ -202,7 +204,7 @@ class CentralServices:
     # --- directory -------------------------------------------------------------------------------------------------
 
     def _ask_central(self, topic: Topic, within: float | None = ACKNOWLEDGED_WITHIN) -> bytes:
-        return ask(self._connection(), Ask(0, topic), f"the question for {topic}", within=within)
+        return ask(self._connection(), headers.Ask(0, topic), f"the question for {topic}", within=within)
 
     def modules(self) -> list[ModuleInfo]:
         """The modules that are connected, this one too."""
@@ -250,7 +252,7 @@ class CentralServices:
             why = self._connection().silence or "central had not heard of them yet"
             raise Timeout(f"the wait for handlers was not over within {timeout:g} s: {why}") from None
         connection = self._declare(*messages)
-        wanted = WaitUntilHandled(0, [message.name for message in messages], [], self._origin)
+        wanted = headers.WaitUntilHandled(0, [message.name for message in messages], [], self._origin)
         request = connection.request(wanted, wants_answer=True, is_awaited=True)
         if not connection.wait(request, left, "the wait for handlers"):
             connection.abandon(request)

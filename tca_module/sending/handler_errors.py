@@ -7,17 +7,8 @@ from types import TracebackType
 import msgspec
 
 from tca_module.errors import Deadlock, LockLost, QueryFailed, Stopped, TaskFailed, TaskKilled, Timeout
+from tca_wire.messages import failures
 from tca_wire.messages.declarations import FailureRaised
-from tca_wire.messages.failures import (
-    BAD_DATA,
-    CANCELLED,
-    DEADLOCK,
-    HANDLER_ERROR,
-    LOCK_LOST,
-    MODULE_LOST,
-    REJECTED,
-    TIMEOUT,
-)
 from tca_wire.packets.headers import Fail
 from tca_wire.text.printable import shortened
 
@@ -41,12 +32,12 @@ class Reissued(Exception):
 
 
 _NAMED = (
-    (Misfit, BAD_DATA),
-    (Deadlock, DEADLOCK),
-    (Timeout, TIMEOUT),
-    (LockLost, LOCK_LOST),
-    (Stopped, MODULE_LOST),
-    (asyncio.CancelledError, CANCELLED),
+    (Misfit, failures.BAD_DATA),
+    (Deadlock, failures.DEADLOCK),
+    (Timeout, failures.TIMEOUT),
+    (LockLost, failures.LOCK_LOST),
+    (Stopped, failures.MODULE_LOST),
+    (asyncio.CancelledError, failures.CANCELLED),
 )
 
 
@@ -58,13 +49,13 @@ def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
 
 def handler_error(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     """The failure "handler error" for an error, whatever its name."""
-    return Fail(delivery, HANDLER_ERROR, _printable(_describe(error))), b""
+    return Fail(delivery, failures.HANDLER_ERROR, _printable(_describe(error))), b""
 
 
 def module_ended(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     """The failure of a message that was handled when an error ended its module."""
     what = "".join(traceback.format_exception_only(error)).partition("\n")[0]
-    return Fail(delivery, MODULE_LOST, _printable(f"its module was ended by {what}")), b""
+    return Fail(delivery, failures.MODULE_LOST, _printable(f"its module was ended by {what}")), b""
 
 
 def _printable(text: str) -> str:
@@ -76,16 +67,16 @@ def _failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     if isinstance(error, FailureRaised):
         return Fail(delivery, error.name, error.text, error.kinds), error.body
     if isinstance(error, Rejection):
-        return Fail(delivery, REJECTED, str(error)), b""
+        return Fail(delivery, failures.REJECTED, str(error)), b""
     if isinstance(error, Reissued):
         return Fail(delivery, "", reissue=True), b""
     if isinstance(error, QueryFailed | TaskFailed):
-        return Fail(delivery, error.failure, error.passed_on, [HANDLER_ERROR]), error.body
+        return Fail(delivery, error.failure, error.passed_on, [failures.HANDLER_ERROR]), error.body
     for kind, name in _NAMED:
         if isinstance(error, kind):
             text = str(error) or f"{type(error).__name__} in its handler"
-            return Fail(delivery, name, text, [] if kind is Misfit else [HANDLER_ERROR]), b""
-    return Fail(delivery, HANDLER_ERROR, _describe(error)), b""
+            return Fail(delivery, name, text, [] if kind is Misfit else [failures.HANDLER_ERROR]), b""
+    return Fail(delivery, failures.HANDLER_ERROR, _describe(error)), b""
 
 
 def _sole(error: BaseException) -> BaseException:

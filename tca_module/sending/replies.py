@@ -25,14 +25,27 @@ def _failed(message: Message[Any, Any], answer: Answer, body: bytes) -> QueryFai
     return QueryFailed(message.title, answer.failure or str(answer.outcome), answer.text, body)
 
 
-class PendingReply(Generic[R]):
+class _Question:
+    """A query that was sent, until it is given up."""
+
+    def __init__(self, connection: Connection, request: Request) -> None:
+        self.connection = connection
+        self.request = request
+        self._is_cancelled = False
+
+    def cancel(self) -> None:
+        """Give the query up: a handler that has not begun it never will."""
+        if not self._is_cancelled:
+            self._is_cancelled = True
+            self.connection.abandon(self.request)
+
+
+class PendingReply(_Question, Generic[R]):
     """A query that was sent. In an async handler ``await`` gives its reply."""
 
     def __init__(self, connection: Connection, request: Request, message: Query[Any, R]) -> None:
-        self.connection = connection
-        self.request = request
+        super().__init__(connection, request)
         self._message = message
-        self._is_cancelled = False
 
     def receive(self, timeout: float | None = QUERY_TIMEOUT) -> R:
         """The reply; waits at most *timeout* seconds (None: for ever). Raises QueryFailed if the handler failed;
@@ -72,24 +85,16 @@ class PendingReply(Generic[R]):
             raise _failed(self._message, answer, body)
         return self._message.decode_reply(body)
 
-    def cancel(self) -> None:
-        """Give the query up: a handler that has not begun it never will."""
-        if not self._is_cancelled:
-            self._is_cancelled = True
-            self.connection.abandon(self.request)
 
-
-class PendingReplies(Iterator[R], Generic[R]):
+class PendingReplies(_Question, Iterator[R], Generic[R]):
     """The replies to a multi-query as they come; each step waits for the next. Ends as ``multi_query`` does."""
 
     def __init__(
         self, connection: Connection, request: Request, message: MultiQuery[Any, R], timeout: float | None
     ) -> None:
-        self._connection = connection
-        self._request = request
+        super().__init__(connection, request)
         self._message = message
         self._deadline = None if timeout is None else connection.now() + timeout
-        self._is_cancelled = False
         self._has_reply = False
 
     def __iter__(self) -> Self:
@@ -97,7 +102,7 @@ class PendingReplies(Iterator[R], Generic[R]):
 
     def __next__(self) -> R:
         if not self._is_cancelled and self._has_answer():
-            answer, body = self._request.answers.popleft()
+            answer, body = self.request.answers.popleft()
             if answer.more:
                 self._has_reply = True
                 return self._message.decode_reply(body)
@@ -108,24 +113,18 @@ class PendingReplies(Iterator[R], Generic[R]):
         raise StopIteration
 
     def _has_answer(self) -> bool:
-        if not self._request.answers and not self._request.is_over:
-            patience = None if self._deadline is None else max(0.0, self._deadline - self._connection.now())
+        if not self.request.answers and not self.request.is_over:
+            patience = None if self._deadline is None else max(0.0, self._deadline - self.connection.now())
             try:
-                came = self._connection.wait(
-                    self._request, patience, self._message.title, lambda: bool(self._request.answers)
+                came = self.connection.wait(
+                    self.request, patience, self._message.title, lambda: bool(self.request.answers)
                 )
                 if not came and not self._has_reply:  # a failure may have come instead
-                    self._connection.give_up(self._request)
+                    self.connection.give_up(self.request)
             except (TaskKilled, Stopped):
                 self._is_cancelled = True
                 raise
-        return bool(self._request.answers)
-
-    def cancel(self) -> None:
-        """Want no more replies: a handler that has not begun never will."""
-        if not self._is_cancelled:
-            self._is_cancelled = True
-            self._connection.abandon(self._request)
+        return bool(self.request.answers)
 
 
 class Notification(Generic[R]):

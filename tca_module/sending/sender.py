@@ -24,6 +24,7 @@ from tca_wire.messages.declarations import (
     MultiQuery,
     Query,
     R,
+    TaskMessage,
 )  # fmt: skip
 from tca_wire.packets.headers import Constrain, Send
 from tca_wire.points import THIS, TaskId
@@ -369,9 +370,7 @@ class Sender(WatchingServices):
     # --- whatever the class ----------------------------------------------------------------------------------------
 
     @overload
-    def execute(self, message: Goal[None], data: None = None) -> SentTask[None]: ...
-    @overload
-    def execute(self, message: Command[None, R], data: None = None) -> SentTask[R]: ...
+    def execute(self, message: TaskMessage[None, R], data: None = None) -> SentTask[R]: ...
     @overload
     def execute(self, message: Query[None, R], data: None = None) -> R: ...
     @overload
@@ -379,9 +378,7 @@ class Sender(WatchingServices):
     @overload
     def execute(self, message: Inform[None] | Broadcast[None], data: None = None) -> None: ...
     @overload
-    def execute(self, message: Goal[D], data: D) -> SentTask[None]: ...
-    @overload
-    def execute(self, message: Command[D, R], data: D) -> SentTask[R]: ...
+    def execute(self, message: TaskMessage[D, R], data: D) -> SentTask[R]: ...
     @overload
     def execute(self, message: Query[D, R], data: D) -> R: ...
     @overload
@@ -394,9 +391,7 @@ class Sender(WatchingServices):
         return next(getattr(self, call) for kind, call in EXECUTED.items() if isinstance(message, kind))(message, data)
 
     @overload
-    def execute_if_handled(self, message: Goal[None], data: None = None) -> SentTask[None] | None: ...
-    @overload
-    def execute_if_handled(self, message: Command[None, R], data: None = None) -> SentTask[R] | None: ...
+    def execute_if_handled(self, message: TaskMessage[None, R], data: None = None) -> SentTask[R] | None: ...
     @overload
     def execute_if_handled(self, message: Query[None, R], data: None = None) -> R | None: ...
     @overload
@@ -404,9 +399,7 @@ class Sender(WatchingServices):
     @overload
     def execute_if_handled(self, message: Inform[None] | Broadcast[None], data: None = None) -> bool: ...
     @overload
-    def execute_if_handled(self, message: Goal[D], data: D) -> SentTask[None] | None: ...
-    @overload
-    def execute_if_handled(self, message: Command[D, R], data: D) -> SentTask[R] | None: ...
+    def execute_if_handled(self, message: TaskMessage[D, R], data: D) -> SentTask[R] | None: ...
     @overload
     def execute_if_handled(self, message: Query[D, R], data: D) -> R | None: ...
     @overload
@@ -421,7 +414,7 @@ class Sender(WatchingServices):
         sent. The handler may still be lost afterwards.
         """
         check_class(message, *EXECUTED, call="execute_if_handled")
-        if isinstance(message, Goal | Command):
+        if isinstance(message, TaskMessage):
             return self._task_if(message, data, {}, handled=True)
         if isinstance(message, Query | MultiQuery):
             return self._ask_if_handled(message, data)

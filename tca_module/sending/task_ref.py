@@ -88,11 +88,6 @@ class SteerableTask(TaskIntervals, NamedTask):
         """
         return self._task_id
 
-    @property
-    def _in_words(self) -> str:
-        """The task for people, with its id if that is known: nobody waits for it."""
-        return str(self)
-
     # --- stopping --------------------------------------------------------------------------------------------------
 
     def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> bool:
@@ -245,10 +240,6 @@ class SteerableTask(TaskIntervals, NamedTask):
         """Call central; whether that changed anything: else it answers with id 0. *doing* says what is done to it."""
         return bool(self._connection().call(header, self._doing(doing), body))
 
-    def _doing(self, doing: str) -> LateText:
-        """That something is done to the task, for errors."""
-        return LateText(lambda: f"{doing} {self._in_words}")
-
 
 class TaskRef(SteerableTask, FollowedTask["Change"]):
     """A task of the tree: wait for it, follow its state, give it a new goal, cancel, kill, suspend or retry it, raise a
@@ -310,7 +301,6 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
         return self._reached(point, timeout)[0].outcome
 
     def _ended(self, timeout: float | None) -> tuple[headers.Answer, bytes]:
-        check(LateText(lambda: f"the wait for {self}"), checks.TIMEOUT, timeout=timeout)
         if self._end is None:
             self._end = self._reached(self.achieving.end, timeout)
             if self._mirror is not None:
@@ -318,12 +308,11 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
         return self._end
 
     def _reached(self, point: Point, timeout: float | None) -> tuple[headers.Answer, bytes]:
-        brief = is_brief(LateText(lambda: f"the wait for {self}"), timeout)
+        brief = is_brief(self._doing("the wait for"), timeout)
         request = self._ask(point, blocking=True, brief=brief, is_awaited=True)
         with self._called_back():
-            is_over = self._connection().wait(
-                request, timeout, LateText(lambda: f"the wait for {self._words_of(point)}")
-            )
+            what = LateText(lambda: f"the wait for {self._words_of(point)}")
+            is_over = self._connection().wait(request, timeout, what)
         if not is_over:
             why = self._connection().give_up(request)
             where = f": {why}" if why else ""
@@ -348,7 +337,7 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
 
     def _ask(self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False) -> Request:
         """Ask to be told when a point is reached."""
-        check(LateText(lambda: f"the wait for {self}"), checks.POINT, point=point)
+        check(self._doing("the wait for"), checks.POINT, point=point)
         header = headers.AwaitPoint(0, point, self._origin, blocking, brief)
         return self._connection().request(header, wants_answer=True, is_awaited=is_awaited)
 

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from functools import partial
 from typing import Any, Self
 
+from tca_module.checks import quoted
 from tca_module.errors import BadData, CentralLost, MisuseError
 from tca_module.following.followed_task import life_cycle_of
 from tca_module.following.stream import awaited
@@ -227,9 +228,8 @@ class ServerState:
     def _not_now(self, name: str) -> str:
         cycle = self.life_cycle
         if name not in (names := cycle.names(Party.SERVER)):
-            listed = ", ".join(f"'{one}'" for one in names)
-            return f"the handler of {self} can't take '{name}': {cycle} has for servers: {listed}"
-        sources = " or ".join(f"'{one}'" for one in cycle.sources(name, Party.SERVER))
+            return f"the handler of {self} can't take '{name}': {cycle} has for servers: {quoted(names)}"
+        sources = quoted(cycle.sources(name, Party.SERVER), " or ")
         advice = ""
         if name == cycle.accepted.name:
             advice = "; a task is accepted when its handler gets it, unless that is declared with accepts=True"

@@ -6,7 +6,7 @@ from typing import Any, TypedDict, Unpack, overload
 from tca_module import checks
 from tca_module.checks import LateText, check, check_class, check_message, check_options
 from tca_module.errors import MisuseError
-from tca_module.following.followed_task import life_cycle_of
+from tca_module.following.followed_task import check_states, life_cycle_of
 from tca_module.following.observation import Observation
 from tca_module.following.stream import Stream
 from tca_module.link.connection import Connection
@@ -90,10 +90,7 @@ def checked_states(call: str, message: object, states: Collection[str]) -> list[
     check(call, _STATES, states=states)
     check(call, checks.MESSAGE_OR_NAME, message=message)
     if isinstance(message, Message):
-        cycle = life_cycle_of(message)
-        if unknown := sorted(set(states) - set(cycle.states)):
-            listed = ", ".join(f"'{one}'" for one in cycle.states)
-            raise MisuseError(f"{call}: {message.title} is never '{unknown[0]}': {cycle} has {listed}")
+        check_states(f"{call}: {message.title}", message, states)
     return list(states)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 from typing import Any, Literal, TypedDict
 
 from tca_module import checks
-from tca_module.checks import ArgumentKind, check_options
+from tca_module.checks import ArgumentKind, check_options, quoted
 from tca_module.errors import MisuseError
 from tca_module.following.followed_task import life_cycle_of
 from tca_wire.messages.controls import Monitor
@@ -93,8 +93,7 @@ def _check_transitions(message: Message[Any, Any], options: HandlerOptions) -> N
         raise MisuseError(f"{message.title} can't be handled with {given[0]}=: only tasks have states")
     cycle = life_cycle_of(message)
     names, takes, refuses = cycle.names(Party.CLIENT), set(options.get("takes", ())), set(options.get("refuses", ()))
-    listed = ", ".join(f"'{name}'" for name in names) or "none"
     if unknown := sorted((takes | refuses) - set(names)):
-        raise MisuseError(f"{message.title} has no client's transition '{unknown[0]}': {cycle} has {listed}")
+        raise MisuseError(f"{message.title} has no client's transition '{unknown[0]}': {cycle} has {quoted(names)}")
     if both := sorted(takes & refuses):
         raise MisuseError(f"{message.title} can't be handled with '{both[0]}' both taken and refused: say one of them")

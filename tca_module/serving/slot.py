@@ -41,17 +41,16 @@ class Slot:
         self.error: BaseException | None = None  #: the error that ended the thread before its time
         self.handling = ""  #: the message whose handler runs
         self.is_replaced = False  #: its handler hung, and another slot has taken its place
-        self.callbacks = callbacks
+        self.callbacks = callbacks  #: that its thread calls
         self._central = central
         self._hello = hello
         self._patience = patience
         self._linger = linger
         self._handlers = handlers
-        self._callbacks = callbacks
         self._stop = stop
         self._attachments = attachments  #: of the module, which its first connection attaches anew
         self.opened = threading.Event()  #: messages are handled, or *error* says why not
-        self._connection: Connection | None = None
+        self._opened: Connection | None = None
         self._loop: EventLoop | None = None  #: made when it is first needed
         self._owed = WeakSet[LaterReply[Any]]()  #: answers that handlers left to others, who alone keep them
         self._log = log_of(hello.module)
@@ -79,12 +78,12 @@ class Slot:
             self.opened.set()
 
     def _serve(self, connection: Connection) -> None:
-        self._connection = connection
+        self._opened = connection
         self._stop.wakes(connection.transport.wake)
         connection.waiting.handle_delivery = self._attend
         connection.session.open_deliveries.is_ending = self._is_over
         connection.root_sender = RootSender(connection)
-        self._callbacks.begin(connection)
+        self.callbacks.begin(connection)
         self.opened.set()
         with contextlib.ExitStack() as stack:
             stack.callback(connection.drop)  # without goodbye if even that has an error
@@ -101,11 +100,16 @@ class Slot:
                 raise
             finally:
                 if not self.is_replaced:
-                    self._callbacks.end()
+                    self.callbacks.end()
                 if self._loop is not None:
                     self._loop.close()
             if not self.is_replaced:
                 self._say_goodbye(connection)
+
+    @property
+    def _connection(self) -> Connection:
+        assert self._opened is not None
+        return self._opened
 
     @property
     def number(self) -> int:
@@ -137,12 +141,11 @@ class Slot:
 
     def _idle(self, seconds: float) -> bool:
         """Call one callback, or wait for something to do; False if only central can bring that."""
-        callbacks = self._callbacks
+        callbacks = self.callbacks
         if callbacks.call_one():
             return True
         if self._loop is None and not callbacks:
             return False
-        assert self._connection is not None
         patience, files = callbacks.patience(seconds), callbacks.files
         if self._loop is not None:
             ready = self._loop.wait(patience, files)
@@ -154,7 +157,6 @@ class Slot:
     def _attend(self, delivery: Deliver, body: bytes) -> None:
         """Handle a message, to the end of its handler."""
         connection = self._connection
-        assert connection is not None
         handler = self._handlers.get(delivery.message)
         if handler is None:
             connection.reply(Fail(delivery.delivery, "no handler", f"nothing here handles '{delivery.message}'"), b"")
@@ -182,7 +184,6 @@ class Slot:
         if handler is None or not handler.is_async:
             self._attend(delivery, body)
             return
-        assert self._connection is not None
         assert self._loop is not None
         task = handler.task(self._connection, delivery)
         begun = self._connection.session.open_deliveries.begin(delivery.delivery, repr(task))
@@ -194,7 +195,6 @@ class Slot:
 
     def _end(self, handler: Handler, task: Task, answer: Answer) -> None:
         """A handler has returned: tell central, or see that somebody will."""
-        assert self._connection is not None
         if task.later is not None and not isinstance(answer, LaterReply):
             self._connection.hear_threads()  # before the failure
         task.returned()
