@@ -13,7 +13,8 @@ import msgspec
 from tca_module import checks
 from tca_module.checks import check
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused
-from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, Connection
+from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
+from tca_module.link.leaving import LINGER
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.waits import PATIENCE
 from tca_module.sending.central_services import Topic
@@ -93,12 +94,12 @@ class Client(Sender):
             return
         if not (is_mine or self._thread.daemon):
             self._thread.join()
-        if is_mine or self._is_abandoned or (link.arrivals.missing and link.take_over(self._linger)):
+        if is_mine or self._is_abandoned or (link.missing and link.take_over(self._linger)):
             link.close(self._linger)
-        elif number := link.arrivals.missing:
+        elif number := link.missing:
             where = f"central at {link.transport.address}"
             why = f"thread '{self._thread.name}' still waits, and has not closed its client"
-            raise NotSent(number, f"{link.arrivals.messages(number)} may not have reached {where}: {why}")
+            raise NotSent(number, f"{link.messages(number)} may not have reached {where}: {why}")
 
     def _opened(self) -> Connection:
         if self._link is None:

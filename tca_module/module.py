@@ -11,8 +11,9 @@ from typing import Any, Literal, TypeVar, Unpack, overload
 from tca_module import checks
 from tca_module.checks import check, check_class, check_function
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped
-from tca_module.link.connection import LINGER, Connection
+from tca_module.link.connection import Connection
 from tca_module.link.keepalive import TEND_PERIOD, KeepAlive
+from tca_module.link.leaving import LINGER
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.stop import Stop
 from tca_module.link.waits import PATIENCE
@@ -361,7 +362,7 @@ class Module(Sender):
         errors = self._slots.close(why)
         is_in_vain = any(isinstance(error, NotSent) for error in errors)
         try:
-            link.close(0.0 if is_in_vain else self._linger, link.arrivals.lost)
+            link.close(0.0 if is_in_vain else self._linger, link.lost)
         except (CentralLost, Refused) as error:
             errors.append(error)
         if self._keep_alive is not None and self._keep_alive.error is not None:

@@ -1,23 +1,18 @@
-"""One connection to central: what is asked of it there, and how it begins and ends."""
+"""One connection to central: how it begins, and what is asked of central."""
 
 import contextlib
-import time
 from collections.abc import Callable, Iterable
+from functools import cached_property
 from typing import Any
 
 from tca_module.checks import check_message
-from tca_module.direct.messages import DirectMessages
-from tca_module.errors import ORDINARY, CentralLost, NotSent, Refused, Stopped, Timeout
-from tca_module.link.arrivals import Arrivals
+from tca_module.errors import ORDINARY, CentralLost, Refused, Stopped, Timeout
+from tca_module.link.leaving import Leaving
 from tca_module.link.packet_line import SEND_WAIT, STEP
-from tca_module.link.waits import PATIENCE, Waits
-from tca_module.log import log_of
 from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, check_epoch, first_foreign, numbers_in
 from tca_module.session.registering import registers
 from tca_module.session.request import Request, refers_to_tasks
 from tca_module.session.sent_tasks import SentId
-from tca_module.session.session import Session
-from tca_module.sockets.transport import Transport
 from tca_wire.messages.declarations import Message
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState
@@ -25,23 +20,17 @@ from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId
 
 ACKNOWLEDGED_WITHIN = 30.0  # seconds that central may take to accept or refuse a request while it says other things
-LINGER = 10.0  # seconds that a program which leaves waits for what it sent to arrive
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
 MOST_UNTOLD = 100  # tasks sent of which central has said nothing yet: it remembers 128 by their requests
 
 
-class Connection(Waits):
+class Connection(Leaving):
     """One connection to central."""
 
-    def __init__(
-        self, transport: Transport, session: Session, *, patience: float = PATIENCE,
-        direct: DirectMessages | None = None, clock: Callable[[], float] = time.monotonic,
-    ) -> None:  # fmt: skip
-        super().__init__(transport, session, patience=patience, direct=direct, clock=clock)
-        self.root_sender: object = None  #: the Sender with which callbacks send
-        self.arrivals = Arrivals(session, self.direct, self.line, transport, clock)
-        self.log = log_of(session.module)
-        self._declared: dict[str, Message[Any, Any]] = {}
+    @cached_property
+    def _declared(self) -> dict[str, Message[Any, Any]]:
+        """The messages of which central has been told, by name."""
+        return {}
 
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
         """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped*."""
@@ -59,47 +48,6 @@ class Connection(Waits):
         with contextlib.suppress(CentralLost, Timeout, Refused):
             if self.session.is_welcome:
                 self.call(headers.Unregister(0, []), "leaving", within=_LEAVE_WITHIN)
-
-    def close(self, linger: float = LINGER, before: int = 0) -> None:
-        """Say goodbye when all that was sent has arrived, or after *linger* seconds. Raises NotSent if something may
-        not have; *before*: so much was lost, and logged, earlier.
-        """
-        with self._lock:
-            session = self.session
-            try:
-                self.direct.shut()
-                self.arrivals.wait(linger, before)
-                if self.is_mine and not self.arrivals.are_owed:  # else central is gone, for which functions would wait
-                    self.attend()
-                    self.arrivals.wait(linger, before)
-            finally:
-                number = self.arrivals.missing - before
-                why = self.arrivals.why_missing() if number else ""
-                self.direct.report(at_once=True)
-                if session.post(headers.Bye()):
-                    self.line.flush(0.0 if number else SEND_WAIT)
-                self.drop()
-            if number:
-                raise NotSent(number, f"{self.arrivals.messages(number)} may not have reached {why}")
-            session.sends.check(0)
-
-    def take_over(self, within: float) -> bool:
-        """Stop its own thread at its next use, for ever, so that another may close it at the end of the process. False
-        if that thread waited all the time, or all that was sent has arrived meanwhile.
-        """
-        self.call_soon(self.session.confirm)
-        self.call_soon(self.direct.confirm)
-        until = self.now() + within
-        while self.now() < until and self.arrivals.are_owed:
-            if self._lock.acquire(timeout=STEP):
-                return True
-        return False
-
-    def drop(self) -> None:
-        """Close without goodbye: deliveries begun and not answered have failed."""
-        with self._lock:
-            self.direct.close()
-            self.transport.close()
 
     # --- requests --------------------------------------------------------------------------------------------------
 

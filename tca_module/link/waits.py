@@ -18,6 +18,7 @@ from tca_module.link.packet_line import PacketLine
 from tca_module.link.told_wait import ToldWait
 from tca_module.link.turns import Turns
 from tca_module.link.wait_loop import WaitLoop
+from tca_module.log import log_of
 from tca_module.session.request import Request
 from tca_module.session.session import Session, quiet_within
 from tca_module.sockets.transport import Transport
@@ -48,6 +49,8 @@ class Waits(OfOneThread):
         self.line = PacketLine(session, transport, self.direct, clock)
         turns = Turns(session, self.line, self._lock, clock)
         self.waiting = WaitLoop(session, self.direct, self.line, turns, patience, clock)
+        self.root_sender: object = None  #: the Sender with which callbacks send
+        self.log = log_of(session.module)
 
     # --- for answers -----------------------------------------------------------------------------------------------
 

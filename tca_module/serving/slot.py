@@ -133,7 +133,7 @@ class Slot:
             for delivery in connection.session.open_deliveries.begun:
                 connection.reply(*module_ended(delivery, error))
         try:
-            connection.close(self._linger, connection.arrivals.lost)
+            connection.close(self._linger, connection.lost)
         except NotSent as lost:
             if error is None:
                 raise
