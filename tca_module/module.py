@@ -24,7 +24,7 @@ from tca_module.serving.handler_options import BUSY, HandlerOptions, WhenBusy, c
 from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
 from tca_module.serving.server import Server, ServerHandler, taken_by
 from tca_module.serving.slot import CALLBACKS, Slot, Slots
-from tca_module.serving.state_observers import O, StateObserver
+from tca_module.serving.state_observers import O, state_observer
 from tca_module.session.lasting_attachments import LastingAttachments
 from tca_wire.messages.declarations import Command, D, Goal, Message, R, TaskMessage
 from tca_wire.packets.headers import WaitUntilHandled
@@ -195,7 +195,7 @@ class Module(Sender):
         check("observes()", checks.NAME_OR_NONE, resource=resource)
 
         def declare(function: O) -> O:
-            self._called_by("observes()", resource).observe(StateObserver(message, states, function))
+            self._called_by("observes()", resource).observe(state_observer(message, states, function))
             return function
 
         return declare

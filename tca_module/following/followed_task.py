@@ -6,7 +6,7 @@ from typing import Any, Generic, TypeVar, overload
 from tca_module.checks import NAME, TEXT, LateText, check, check_message, quoted
 from tca_module.errors import MisuseError, Refused, Timeout
 from tca_module.following.mirror import C, ChangeCallback, Mirror
-from tca_module.following.observation import News, Observation
+from tca_module.following.observation import News
 from tca_module.following.stream import Stream
 from tca_module.following.update import PendingUpdate
 from tca_module.link.connection import Connection
@@ -93,8 +93,7 @@ class FollowedTask(NamedTask, Generic[C]):
         if self._mirror is None:
             what = self._doing("the state of")
             header = Observe(0, self._node(), self.message, origin=self._origin)
-            observation = Observation(self._connection(), header, what)
-            self._mirror = Mirror(observation, self._in_words)
+            self._mirror = Mirror(self._connection(), header, what)
         return self._mirror
 
     @property
@@ -119,12 +118,12 @@ class FollowedTask(NamedTask, Generic[C]):
                 print(change.state)
         """
         mirror = self._followed()
-        mirror.observation.catch_up()
+        mirror.catch_up()
         return self._stream(timeout, mirror.as_it_stands())
 
     def _stream(self, timeout: float | None = None, first: News | None = None) -> Stream[C]:
         what = f"a change of {self._in_words}"
-        return Stream(self._followed().observation, self._as_change, _is_change, what, timeout, first=first)
+        return Stream(self._followed(), self._as_change, _is_change, what, timeout, first=first)
 
     def next_change(self, timeout: float | None = None) -> C | None:
         """The next change of the task's state that ``state`` and this have not shown; None if there will be none. If
@@ -147,12 +146,12 @@ class FollowedTask(NamedTask, Generic[C]):
             raise MisuseError(f'wait_for_state(): give one or more states, such as "running", not {states!r:.60}')
         check_states(f"wait_for_state(): {self._in_words}", self._declared(), states)
         mirror = self._followed()
-        came = mirror.observation.unread(lambda news: news.change.state in states or news.change.is_over)
-        mirror.observation.catch_up()
+        came = mirror.unread(lambda news: news.change.state in states or news.change.is_over)
+        mirror.catch_up()
         if mirror.newest is not None and not came:
             came.put(mirror.newest)
-        if not mirror.observation.wait(lambda: bool(came), timeout):
-            mirror.observation.check()
+        if not mirror.wait(lambda: bool(came), timeout):
+            mirror.check()
             what = f"{self._in_words} was not {' or '.join(states)}"
             raise Timeout(f"{what} within {timeout:g} s, but is {mirror.known or 'unknown'}", can_wait=True)
         return came.take().change.state
@@ -174,9 +173,9 @@ class FollowedTask(NamedTask, Generic[C]):
         if kind is not None and isinstance(message, TaskMessage) and message.progress.kind != kind:
             raise MisuseError(f"the intermediate results of {message.title} are {message.progress}, not {kind!r:.60}")
         what = f"an intermediate result of {self._in_words}"
-        mirror.observation.catch_up()
+        mirror.catch_up()
         return Stream(
-            mirror.observation, lambda news: decode_progress(message, news.change.data),
+            mirror, lambda news: decode_progress(message, news.change.data),
             lambda _: mirror.has_progressed, what, timeout, first=mirror.progress,
         )  # fmt: skip
 
@@ -213,7 +212,7 @@ class FollowedTask(NamedTask, Generic[C]):
         body, mirror = self._encoded(goal), self._followed()
         row = next((row for row in rows if row.source == mirror.known), rows[0])
         self._check_possible(what, row.name, mirror.known)
-        unread = mirror.observation.unread()
+        unread = mirror.unread()
         request = self._connection().send_change(self._change(row.name, ""), body, what)
         return PendingUpdate(what, mirror, unread, request, cycle, row)
 

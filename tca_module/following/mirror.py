@@ -10,27 +10,26 @@ from tca_module.checks import check_function
 from tca_module.errors import Timeout
 from tca_module.following.observation import News, Observation, is_progress
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
+from tca_wire.packets.changes import Observe
 from tca_wire.vocabulary import Party
 
 C = TypeVar("C")
 
 
-class Mirror:
-    """A task's newest state, as far as this program has heard."""
+class Mirror(Observation):
+    """An observation of one task, with its newest state as far as this program has heard."""
 
-    def __init__(self, observation: Observation, what: str) -> None:
-        self.observation = observation
+    def __init__(self, connection: Connection, header: Observe, what: object) -> None:
+        super().__init__(connection, header, what)
         self.serial = -1
-        self.is_over = False
+        self.has_ended = False  #: the task
         self.newest: News | None = None  #: the newest change, or how it stands
         self.progress: News | None = None  #: the newest intermediate result
         self.has_progressed = False  #: with the newest change
-        self._what = what  # for errors
-        observation.on_news = self._on_news
         self._functions: list[Callable[[News], None]] = []
 
-    def _on_news(self, news: News) -> None:
-        self.newest, self.is_over = news, news.change.is_over
+    def _hear(self, news: News) -> None:
+        self.newest, self.has_ended = news, news.change.is_over
         self.serial = max(self.serial, news.change.serial)  # of one that had ended central does not know it
         self._hear_progress(news)
         for function in list(self._functions):
@@ -58,12 +57,11 @@ class Mirror:
         """The newest state. Waits for central's word until that has come once. Raises what ``Observation.wait`` does,
         or Timeout.
         """
-        self.observation.catch_up()
-        if not self.is_over:
-            observation = self.observation
-            if not (observation.is_complete or observation.wait(lambda: observation.is_complete, ACKNOWLEDGED_WITHIN)):
-                raise Timeout(f"the state of {self._what} was not told within {ACKNOWLEDGED_WITHIN:g} s")
-            observation.check()
+        self.catch_up()
+        if not self.has_ended:
+            if not (self.is_complete or self.wait(lambda: self.is_complete, ACKNOWLEDGED_WITHIN)):
+                raise Timeout(f"{self._what} was not told within {ACKNOWLEDGED_WITHIN:g} s")
+            self.check()
         return self._state
 
     @property
@@ -73,13 +71,13 @@ class Mirror:
     @property
     def known(self) -> str:
         """The newest state; "" if it was not told yet. Never waits."""
-        self.observation.catch_up()
-        return self._state if self.observation.is_complete else ""
+        self.catch_up()
+        return self._state if self.is_complete else ""
 
     def call(self, function: Callable[[News], None]) -> None:
         """Call a function with each change from now on, also if nobody else follows the task any more."""
         self._functions.append(function)
-        self.observation.hold()
+        self.hold()
 
 
 class ChangeCallback(Generic[C]):

@@ -286,7 +286,11 @@ class Observation:
 
     def _publish(self, change: StateChange, missed: int) -> None:
         news = News(change, with_epoch(change.task, self._round[0], numbered(change.message, change.task)), missed)
-        if self.on_news is not None:
-            self.on_news(news)
+        self._hear(news)
         for reader in list(self._readers):
             reader.put(news)
+
+    def _hear(self, news: News) -> None:
+        """News, before its readers get it."""
+        if self.on_news is not None:
+            self.on_news(news)

@@ -6,7 +6,7 @@ from typing import Any
 from tca_module.checks import TIMEOUT, check
 from tca_module.errors import Rejected, Timeout
 from tca_module.following.mirror import Mirror
-from tca_module.following.observation import Observation, Unread
+from tca_module.following.observation import Unread
 from tca_module.session.request import Request
 from tca_wire.life_cycles import Effect, LifeCycle, Transition
 from tca_wire.packets.parts import StateChange
@@ -28,16 +28,12 @@ class PendingUpdate:
         self._row = row
         self._is_over = False
         self._reason = ""  # why it was rejected
-        request.notify = self._observation.nudge
-
-    @property
-    def _observation(self) -> Observation:
-        return self._mirror.observation
+        request.notify = self._mirror.nudge
 
     @property
     def is_over(self) -> bool:
         """Whether the new goal was taken over or rejected. Never waits."""
-        self._observation.catch_up()
+        self._mirror.catch_up()
         return self._look()
 
     def wait(self, timeout: float | None = None) -> None:
@@ -45,21 +41,21 @@ class PendingUpdate:
         the task can't be given one in its state; Timeout.
         """
         check(self._what, TIMEOUT, timeout=timeout)
-        if not self._observation.wait(self._look, timeout) and not self._observation.is_over:
+        if not self._mirror.wait(self._look, timeout) and not self._mirror.is_over:
             raise Timeout(f"{self._what} was neither taken over nor rejected within {timeout:g} s", can_wait=True)
         self._check()
 
     def __await__(self) -> Generator[Any, None, None]:
-        yield from self._observation.until(self._look)
+        yield from self._mirror.until(self._look)
         self._check()
 
     def _check(self) -> None:
         """Raise the error that it came to, if any."""
         if self._request.has_failed:
-            self._observation.connection.session.sends.discard(self._request)
+            self._mirror.connection.session.sends.discard(self._request)
             self._request.check(self._what)
         if not self._is_over:
-            self._observation.check()
+            self._mirror.check()
             self._end("the task has ended")
         if self._reason:
             raise Rejected(self._what, self._reason)

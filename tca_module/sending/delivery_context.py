@@ -1,5 +1,6 @@
 """Why central sent a message: for a failure, a wiretap or a monitor."""
 
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar, overload
 
 from tca_module.checks import LateText
@@ -18,18 +19,16 @@ from tca_wire.vocabulary import Condition
 A = TypeVar("A")
 
 
+@dataclass(repr=False, eq=False)
 class Trouble:
     """The failure that an exception handler is called for."""
 
-    def __init__(
-        self, failure: str, text: str, failing: TaskRef, attached: TaskRef | None, attempts: int, calls: int
-    ) -> None:
-        self.failure = failure  #: its name
-        self.text = text
-        self.failing = failing  #: the task on which it was raised
-        self.attached = attached  #: the task that the exception handler is attached to; None: the root
-        self.attempts = attempts  #: how often the failing task has been handled
-        self.invocations = calls  #: how often this exception handler was called for the task it is attached to
+    failure: str  #: its name
+    text: str
+    failing: TaskRef  #: the task on which it was raised
+    attached: TaskRef | None  #: the task that the exception handler is attached to; None: the root
+    attempts: int  #: how often the failing task has been handled
+    invocations: int  #: how often this exception handler was called for the task it is attached to
 
     def __repr__(self) -> str:
         return f"failure '{self.failure}' of {self.failing}"
@@ -63,13 +62,13 @@ class Trouble:
         return Reissued(f"{self} is reissued")
 
 
+@dataclass(eq=False)
 class TapEvent:
     """The event that a wiretap's listener was sent for."""
 
-    def __init__(self, condition: Condition, message: str, tapped: TaskRef | None) -> None:
-        self.condition = condition
-        self.message = message  #: the name of the tapped message
-        self.tapped = tapped  #: the tapped task; None if the message is none
+    condition: Condition
+    message: str  #: the name of the tapped message
+    tapped: TaskRef | None  #: the tapped task; None if the message is none
 
 
 class MonitorRef(TaskRef, Generic[D]):

@@ -186,7 +186,7 @@ class Task(Sender, SteerableTask, ReportingTask):
         check(what, checks.TIMEOUT, timeout=timeout)
         connection = self._own_connection()
         connection.transport.waker()
-        observed = [task._followed().observation.request for task in on]  # noqa: SLF001 - a wait for many is made of each
+        observed = [task._followed().request for task in on]  # noqa: SLF001 - a wait for many is made of each
         return connection.wait_until(is_over, what, None if timeout is None else self.time() + timeout, observed)
 
     def wake(self) -> None:

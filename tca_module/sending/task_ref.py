@@ -304,7 +304,7 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
         if self._end is None:
             self._end = self._reached(self.achieving.end, timeout)
             if self._mirror is not None:
-                self._mirror.observation.hear_end()
+                self._mirror.hear_end()
         return self._end
 
     def _reached(self, point: Point, timeout: float | None) -> tuple[headers.Answer, bytes]:
@@ -444,7 +444,7 @@ class SentTask(TaskRef, Generic[R]):
                 yield from self._connection().until_over(request, what)
             self._end = request.answers[-1]
             if self._mirror is not None:
-                self._mirror.observation.hear_end()
+                self._mirror.hear_end()
         return self._result(*self._end)
 
     def _result(self, answer: headers.Answer, body: bytes) -> R:

@@ -13,7 +13,6 @@ from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
 from tca_module.log import log_of
 from tca_module.sending.sender import Sender
-from tca_module.serving.state_observers import StateObserver
 from tca_module.sockets.transport import Transport
 
 
@@ -82,7 +81,7 @@ class Callbacks:
         self.connection: Connection | None = None  #: of the thread that calls them
         self._lock = threading.RLock()
         self._known: dict[Callback, None] = {}  #: in the order in which they were declared
-        self._observers: list[StateObserver] = []
+        self._observers: list[Callable[[Connection], None]] = []  #: called when the thread begins
         self.files: dict[int, Callback] = {}  #: the files to wait for, and who waits for each
         self._due: deque[Callback] = deque()
         self._log = log_of(module)
@@ -113,7 +112,7 @@ class Callbacks:
             self.files[file] = callback
             return self._add(callback)
 
-    def observe(self, observer: StateObserver) -> None:
+    def observe(self, observer: Callable[[Connection], None]) -> None:
         """Call a function with changes of tasks' states, from the thread's beginning on."""
         self._observers.append(observer)
 
@@ -139,7 +138,7 @@ class Callbacks:
             for time in self._times().values():
                 time.begin(connection.transport.time())
         for observer in self._observers:
-            observer.begin(connection)
+            observer(connection)
 
     def end(self) -> None:
         """Nobody calls them any more."""

@@ -17,23 +17,21 @@ ObservingFunction = Callable[[Sender, Change], object] | Callable[[Change], obje
 O = TypeVar("O", bound=ObservingFunction)  # noqa: E741 - as F and D
 
 
-class StateObserver:
-    """A function, and the tasks whose changes it is called with."""
+def state_observer(
+    message: Message[Any, Any] | None, states: Collection[str], function: ObservingFunction
+) -> Callable[[Connection], None]:
+    """A function that has the thread of a connection call *function* from then on. It raises what ``declare`` does."""
+    check_function("observes()", function, "(sender, change) or (change)", (2, 1))
+    wanted = checked_states("observes()", message, states)
+    header = Observe(0, message=message.name if message is not None else "", states=wanted)
 
-    def __init__(self, message: Message[Any, Any] | None, states: Collection[str], function: ObservingFunction) -> None:
-        check_function("observes()", function, "(sender, change) or (change)", (2, 1))
-        self._message = message
-        self._states = checked_states("observes()", message, states)
-        self._function = function
-
-    def begin(self, connection: Connection) -> None:
-        """The thread of that connection calls it from now on. Raises what ``declare`` does."""
-        name = ""
-        if self._message is not None:
-            connection.declare(self._message)
-            name = self._message.name
-        what = f"observing '{name}'" if name else "observing all tasks"
-        observation = Observation(connection, Observe(0, message=name, states=self._states), what)
-        callback = ChangeCallback("observes()", connection, self._function, lambda news: change_of(connection, news))
+    def begin(connection: Connection) -> None:
+        if message is not None:
+            connection.declare(message)
+        what = f"observing '{message.name}'" if message is not None else "observing all tasks"
+        observation = Observation(connection, header, what)
+        callback = ChangeCallback("observes()", connection, function, lambda news: change_of(connection, news))
         observation.on_news = callback.put
         observation.hold()
+
+    return begin
