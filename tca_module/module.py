@@ -23,9 +23,8 @@ from tca_module.serving.callbacks import Callback, Callbacks, HasFileno
 from tca_module.serving.handler_options import BUSY, HandlerOptions, WhenBusy, checked_format
 from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
 from tca_module.serving.server import Server, ServerHandler, taken_by
-from tca_module.serving.slot import CALLBACKS, Slot, Slots
+from tca_module.serving.slot import CALLBACKS, Serving, Slot, Slots
 from tca_module.serving.state_observers import O, state_observer
-from tca_module.session.lasting_attachments import LastingAttachments
 from tca_wire.messages.declarations import Command, D, Goal, Message, R, TaskMessage
 from tca_wire.packets.headers import WaitUntilHandled
 
@@ -307,7 +306,9 @@ class Module(Sender):
             handlers = self._handlers.values()
             messages, formats = [one.message for one in handlers], [one.format for one in handlers]
             link.declare(*messages, handlers=formats, is_ready=True)
-            self._open_slots(greeting.incarnation, patience, link.session.attachments)
+            attachments = link.session.attachments
+            serving = Serving(self.central, patience, linger, self._handlers, self._stop, attachments)
+            self._open_slots(greeting.incarnation, serving)
         except BaseException:
             self._leave()
             raise
@@ -333,11 +334,10 @@ class Module(Sender):
                 names = checks.quoted(message.name for message in required)
                 self._log.warning("waits for handlers of %s, which it requires; see 'tca messages'", names)
 
-    def _open_slots(self, incarnation: str, patience: float, attachments: LastingAttachments) -> None:
+    def _open_slots(self, incarnation: str, serving: Serving) -> None:
         def open_slot(number: int, resource: str, callbacks: Callbacks) -> Slot:
             greeting = hello(self.name, number, resource, incarnation, self._hung_after.get(resource, 0.0))
-            stop, linger = self._stop, self._linger
-            slot = Slot(self.central, greeting, patience, self._handlers, callbacks, stop, attachments, linger)
+            slot = Slot(serving, greeting, callbacks)
             if getattr(self.central, "is_stepped", False):
                 slot.opened.wait()  # in the declared order: so the same test has the same transcript
             return slot

@@ -4,7 +4,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakSet
 
 from tca_module.errors import MisuseError, NotSent, Stopped
@@ -31,25 +31,29 @@ CALLBACKS = "callbacks"
 _PATIENCE = 1.0  # seconds that handlers have for their end before it is said that they are waited for
 
 
-class Slot:
-    """A thread with a connection of its own that handles one message at a time, until *stop* is set."""
+class Serving(NamedTuple):
+    """What the slots of a running module share."""
 
-    def __init__(
-        self, central: CentralAddress, hello: Hello, patience: float, handlers: Mapping[str, Handler],
-        callbacks: Callbacks, stop: Stop, attachments: LastingAttachments, linger: float,
-    ) -> None:  # fmt: skip
+    central: CentralAddress
+    patience: float
+    linger: float
+    handlers: Mapping[str, Handler]
+    stop: Stop
+    attachments: LastingAttachments
+    """Of the module; its first connection attaches them anew."""
+
+
+class Slot:
+    """A thread with a connection of its own that handles one message at a time, until the module is to stop."""
+
+    def __init__(self, serving: Serving, hello: Hello, callbacks: Callbacks) -> None:
         self.error: BaseException | None = None  #: the error that ended the thread before its time
         self.handling = ""  #: the message whose handler runs
         self.is_replaced = False  #: its handler hung, and another slot has taken its place
         self.callbacks = callbacks  #: that its thread calls
-        self._central = central
-        self._hello = hello
-        self._patience = patience
-        self._linger = linger
-        self._handlers = handlers
-        self._stop = stop
-        self._attachments = attachments  #: of the module, which its first connection attaches anew
         self.opened = threading.Event()  #: messages are handled, or *error* says why not
+        self._serving = serving
+        self._hello = hello
         self._opened: Connection | None = None
         self._loop: EventLoop | None = None  #: made when it is first needed
         self._owed = WeakSet[LaterReply[Any]]()  #: answers that handlers left to others, who alone keep them
@@ -63,23 +67,23 @@ class Slot:
         return not self._thread.is_alive()
 
     def _run(self) -> None:
-        handlers = [one for one in self._handlers.values() if one.resource == self._hello.resource]
-        direct = [handler.message for handler in handlers if handler.format.direct]
+        central, patience, _, handlers, stop, attachments = self._serving
+        mine = [one for one in handlers.values() if one.resource == self._hello.resource]
+        direct = [handler.message for handler in mine if handler.format.direct]
         try:
-            stopped, attachments = self._stop.is_set, self._attachments
-            self._serve(open_connection(self._central, self._hello, self._patience, stopped, direct, attachments))
+            self._serve(open_connection(central, self._hello, patience, stop.is_set, direct, attachments))
         except Stopped:
             self.opened.set()
         except BaseException as error:  # noqa: BLE001 - shown by the module's own thread
             if self.is_replaced:
                 return
             self.error = error
-            self._stop.set()
+            self._serving.stop.set()
             self.opened.set()
 
     def _serve(self, connection: Connection) -> None:
         self._opened = connection
-        self._stop.wakes(connection.transport.wake)
+        self._serving.stop.wakes(connection.transport.wake)
         connection.waiting.handle_delivery = self._attend
         connection.session.open_deliveries.is_ending = self._is_over
         connection.root_sender = RootSender(connection)
@@ -92,7 +96,7 @@ class Slot:
             except BaseException as error:
                 if self.is_replaced:
                     return
-                self._stop.set()
+                self._serving.stop.set()
                 what, module = type(error).__name__, self._hello.module
                 self._log.error("module '%s' ends, and handles nothing any more: %s", module, what, exc_info=error)
                 connection.post(Unregister(0, []), b"")  # now the senders find the handlers of other modules
@@ -122,7 +126,7 @@ class Slot:
         return self._hello.resource
 
     def _is_over(self) -> bool:
-        return self.is_replaced or self._stop.is_set()
+        return self.is_replaced or self._serving.stop.is_set()
 
     def _say_goodbye(self, connection: Connection, error: BaseException | None = None) -> None:
         connection.give_back()
@@ -133,7 +137,7 @@ class Slot:
             for delivery in connection.session.open_deliveries.begun:
                 connection.reply(*module_ended(delivery, error))
         try:
-            connection.close(self._linger, connection.lost)
+            connection.close(self._serving.linger, connection.lost)
         except NotSent as lost:
             if error is None:
                 raise
@@ -157,7 +161,7 @@ class Slot:
     def _attend(self, delivery: Deliver, body: bytes) -> None:
         """Handle a message, to the end of its handler."""
         connection = self._connection
-        handler = self._handlers.get(delivery.message)
+        handler = self._serving.handlers.get(delivery.message)
         if handler is None:
             connection.reply(Fail(delivery.delivery, "no handler", f"nothing here handles '{delivery.message}'"), b"")
             return
@@ -180,7 +184,7 @@ class Slot:
 
     def _attend_in_loop(self, delivery: Deliver, body: bytes) -> None:
         """Handle a message beside a coroutine that awaits."""
-        handler = self._handlers.get(delivery.message)
+        handler = self._serving.handlers.get(delivery.message)
         if handler is None or not handler.is_async:
             self._attend(delivery, body)
             return
