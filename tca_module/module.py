@@ -20,7 +20,7 @@ from tca_module.link.waits import PATIENCE
 from tca_module.log import log_of
 from tca_module.sending.sender import Sender
 from tca_module.serving.callbacks import Callback, Callbacks, HasFileno
-from tca_module.serving.handler_options import BUSY, HandlerOptions, WhenBusy, checked_format
+from tca_module.serving.handler_options import BUSY, HandlerOptions, ResourcePlan, WhenBusy, checked_format
 from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
 from tca_module.serving.server import Server, ServerHandler, taken_by
 from tca_module.serving.slot import CALLBACKS, Serving, Slot, Slots
@@ -67,9 +67,7 @@ class Module(Sender):
         self._required = list(requires)
         self.name = name
         self.central = central
-        self._resources = {name: capacity}
-        self._hung_after: dict[str, float] = {}  #: by resource
-        self._busy: dict[str, str] = {}  #: by resource: what becomes of tasks that would have to wait
+        self._resources = {name: ResourcePlan(capacity)}
         self._handlers: dict[str, Handler] = {}
         self._first: list[Callable[[Module], object]] = []
         self._link: Connection | None = None
@@ -103,9 +101,9 @@ class Module(Sender):
         check(f"resource '{name}'", checks.HUNG, hung=hung)
         check(f"resource '{name}'", checks.DURATION, hung_after=hung_after)
         check(f"resource '{name}'", BUSY, when_busy=when_busy)
-        self._resources[name] = capacity
-        self._hung_after[name] = hung_after if hung == "replace" else 0.0
-        self._busy[name] = when_busy
+        self._resources[name] = ResourcePlan(
+            capacity, hung_after if hung == "replace" else 0.0, when_busy, is_declared=True
+        )
         return name
 
     @overload
@@ -120,7 +118,7 @@ class Module(Sender):
         The newest module that declares a handler gets the messages; modules that name the same *pool* share them.
         """
         self._check_not_running("handles()")
-        known_as = checked_format(message, options, self.name, self._busy)
+        known_as = checked_format(message, options, self.name, self._resources)
 
         def declare(function: Callable[..., Any]) -> Callable[..., Any]:
             self._add(Handler(message, function, known_as))
@@ -137,7 +135,7 @@ class Module(Sender):
         if "takes" in options:
             raise MisuseError(f"serve() of {message.title}: the methods of the Server say what it takes, not takes=")
         options["takes"] = [name for name in taken_by(message, server) if name not in options.get("refuses", ())]
-        self._add(ServerHandler(message, server, checked_format(message, options, self.name, self._busy)))
+        self._add(ServerHandler(message, server, checked_format(message, options, self.name, self._resources)))
 
     def _add(self, handler: Handler) -> None:
         name = handler.message.name
@@ -145,7 +143,7 @@ class Module(Sender):
             msg = f"module '{self.name}' handles '{name}' already, in {known.name}: one handler a message"
             raise MisuseError(msg)
         self._handlers[name] = handler
-        self._resources.setdefault(handler.resource, 1)
+        self._resources.setdefault(handler.resource, ResourcePlan())
 
     def at_start(self, function: Start) -> Start:
         """Have the decorated function called with the module once it has joined, before it gets any message: to attach
@@ -217,7 +215,7 @@ class Module(Sender):
         check(call, checks.NAME_OR_NONE, resource=resource)
         named = resource or CALLBACKS
         if self._link is None:
-            self._resources.setdefault(named, 1)
+            self._resources.setdefault(named, ResourcePlan())
         else:
             self._link.check_process()
         return self._slots.callbacks(named)
@@ -336,15 +334,17 @@ class Module(Sender):
 
     def _open_slots(self, incarnation: str, serving: Serving) -> None:
         def open_slot(number: int, resource: str, callbacks: Callbacks) -> Slot:
-            greeting = hello(self.name, number, resource, incarnation, self._hung_after.get(resource, 0.0))
+            greeting = hello(self.name, number, resource, incarnation, self._resources[resource].hung_after)
             slot = Slot(serving, greeting, callbacks)
             if getattr(self.central, "is_stepped", False):
                 slot.opened.wait()  # in the declared order: so the same test has the same transcript
             return slot
 
-        self._resources.setdefault(CALLBACKS, 1)  # after() may have been called while required messages were awaited
+        self._resources.setdefault(
+            CALLBACKS, ResourcePlan()
+        )  # after() may have been called while required messages were awaited
         used = {handler.resource for handler in self._handlers.values()} | self._slots.with_callbacks
-        for name in sorted(self._hung_after.keys() - used):
+        for name in sorted(name for name, plan in self._resources.items() if plan.is_declared and name not in used):
             text = "resource '%s' of module '%s' has no handler, so nothing can lock it: declare one with resource='%s'"
             self._log.warning(text, name, self.name, name)
         self._slots.open([name for name in self._resources if name in used], self._resources, open_slot)

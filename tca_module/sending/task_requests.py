@@ -101,9 +101,8 @@ class ServerState:
     @property
     def state(self) -> str:
         """The task's state."""
-        with self._lock:
-            self._look()
-            return self._state
+        self._look()
+        return self._state
 
     @property
     def is_over(self) -> bool:
@@ -118,24 +117,21 @@ class ServerState:
     @property
     def oldest(self) -> TaskRequest | None:
         """The oldest open request."""
-        with self._lock:
-            self._look()
-            return self._open[0] if self._open else None
+        self._look()
+        return next(iter(self._open), None)
 
     def is_open(self, request: TaskRequest) -> bool:
         """Whether a request waits for the handler's word."""
-        with self._lock:
-            self._look()
-            return request in self._open
+        self._look()
+        return request in self._open
 
     @property
     def has_new(self) -> bool:
         """Whether there is one that no wait has given yet."""
         if self.is_conversing:
             return False
-        with self._lock:
-            self._look()
-            return any(not one.is_given for one in self._open)
+        self._look()
+        return any(not one.is_given for one in self._open)
 
     def take_new(self) -> TaskRequest | None:
         """The oldest open request that no wait has given yet."""
@@ -148,24 +144,23 @@ class ServerState:
 
     def _look(self) -> None:
         """The handler looks at what has come."""
-        while self.delivery.requested:
-            header, body = self.delivery.requested.popleft()
-            if header.serial <= self._serial:
-                continue  # central has said it twice
-            self._serial = header.serial
-            cycle = self.life_cycle
-            rows = (one for one in cycle.transitions if one.name == header.transition)
-            row = cycle.step(self._state, header.transition, Party.CLIENT) or next(rows)
-            self._state = row.target
-            self._open = [one for one in self._open if not self._wants_answer(one)]  # it overtakes those
-            self._hear(row, header, body)
+        with self._lock:
+            while self.delivery.requested:
+                header, body = self.delivery.requested.popleft()
+                if header.serial > self._serial:  # else central has said it twice
+                    self._hear(header, body)
 
-    def _hear(self, row: Transition, header: Requested, body: bytes) -> None:
+    def _hear(self, header: Requested, body: bytes) -> None:
+        cycle, self._serial = self.life_cycle, header.serial
+        rows = (one for one in cycle.transitions if one.name == header.transition)
+        row = cycle.step(self._state, header.transition, Party.CLIENT) or next(rows)
+        self._state = row.target
+        self._open = [one for one in self._open if not self._wants_answer(one)]  # it overtakes those
         try:
             goal = self._message.decode_data(body) if body else None
         except BadData as error:  # of a program that does not use this library
             self._connection.log.warning("%s is rejected: %s", f"'{row.name}' of {self}", error)
-            if (refusal := self.life_cycle.refusal(row.target)) is not None:
+            if (refusal := cycle.refusal(row.target)) is not None:
                 self._take(refusal, str(error))
             return
         self._open.append(TaskRequest(self, row, header, goal))

@@ -1,7 +1,7 @@
 """The options with which a message is handled, checked when its handler is declared."""
 
 from collections.abc import Collection, Mapping
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal, NamedTuple, TypedDict
 
 from tca_module import checks
 from tca_module.checks import ArgumentKind, check_options, quoted
@@ -55,22 +55,33 @@ _KINDS = {
 _OF_TASKS = ("accepts", "takes", "refuses", "when_busy")
 
 
+class ResourcePlan(NamedTuple):
+    """A resource as its module has declared it."""
+
+    capacity: int = 1
+    hung_after: float = 0.0
+    """Seconds after which a handler that hangs is left behind; 0: never."""
+    when_busy: WhenBusy = "queue"
+    is_declared: bool = False
+    """By ``resource()``; others are only named."""
+
+
 def checked_format(
-    message: Message[Any, Any], options: HandlerOptions, own: str, busy: Mapping[str, str]
+    message: Message[Any, Any], options: HandlerOptions, own: str, resources: Mapping[str, ResourcePlan]
 ) -> HandlerFormat:
-    """A handler as central is told of it; *own* is its module's resource, *busy* the policies of resources. Raises
-    MisuseError for options with which the message can't be handled.
+    """A handler as central is told of it; *own* is its module's resource. Raises MisuseError for options with which the
+    message can't be handled.
     """
     checks.check("handles()", checks.MESSAGE, message=message)
     check_options(message.title, options, _KINDS)
     _check(message, options.get("pending"), direct=options.get("direct", False))
     _check_transitions(message, options)
     resource = options.get("resource") or own
-    when_busy = options.get("when_busy") or (busy.get(resource) if message.message_class.is_task else None)
+    when_busy = resources.get(resource, ResourcePlan()).when_busy if message.message_class.is_task else "queue"
     return HandlerFormat(
         message.name, resource, options.get("pool") or "", options.get("pending") or 0, options.get("direct", False),
         options.get("accepts", False), sorted(options.get("takes", ())), sorted(options.get("refuses", ())),
-        Busy(when_busy or Busy.QUEUE),
+        Busy(options.get("when_busy") or when_busy),
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 from weakref import WeakSet
 
@@ -18,6 +19,7 @@ from tca_module.sending.sender import Sender
 from tca_module.sending.task import Task
 from tca_module.serving.callbacks import Callbacks
 from tca_module.serving.event_loop import EventLoop
+from tca_module.serving.handler_options import ResourcePlan
 from tca_module.serving.handlers import Answer, Handler
 from tca_module.session.lasting_attachments import LastingAttachments
 from tca_module.session.open_deliveries import working_on
@@ -158,9 +160,9 @@ class Slot:
         callbacks.found(ready)
         return True
 
-    def _attend(self, delivery: Deliver, body: bytes) -> None:
-        """Handle a message, to the end of its handler."""
-        connection = self._connection
+    def _attend(self, delivery: Deliver, body: bytes, *, in_loop: bool = False) -> None:
+        """Handle a message, to the end of its handler; *in_loop*: beside a coroutine that awaits, if it is one, too."""
+        connection, loop = self._connection, self._loop
         handler = self._serving.handlers.get(delivery.message)
         if handler is None:
             connection.reply(Fail(delivery.delivery, "no handler", f"nothing here handles '{delivery.message}'"), b"")
@@ -170,32 +172,22 @@ class Slot:
         if not handler.is_async:
             with working_on(begun):
                 self._end(handler, task, handler.handle(task, body))
-        elif self._loop is not None and self._loop.is_running:
+        elif loop is not None and in_loop:
+            loop.start(begun, self._handle_async(handler, task, body))
+        elif loop is not None and loop.is_running:
             text = f"handler {handler.name} is 'async def', and its event loop is blocked by a call of its own thread"
             hint = "await that one: task.query_send(...)"
             self._end(handler, task, (Fail(delivery.delivery, HANDLER_ERROR, f"{text}: {hint}"), b""))
         else:
-            if self._loop is None:
-                self._loop = EventLoop(connection, self._attend_in_loop)
+            if loop is None:
+                loop = self._loop = EventLoop(connection, partial(self._attend, in_loop=True))
             # The reply leaves when the loop has stopped: the next message must not be handled inside of this one's.
-            answer = self._loop.run(begun, handler.handle_async(task, body))
+            answer = loop.run(begun, handler.handle_async(task, body))
             with working_on(begun):
                 self._end(handler, task, answer)
 
-    def _attend_in_loop(self, delivery: Deliver, body: bytes) -> None:
-        """Handle a message beside a coroutine that awaits."""
-        handler = self._serving.handlers.get(delivery.message)
-        if handler is None or not handler.is_async:
-            self._attend(delivery, body)
-            return
-        assert self._loop is not None
-        task = handler.task(self._connection, delivery)
-        begun = self._connection.session.open_deliveries.begin(delivery.delivery, repr(task))
-
-        async def attend() -> None:
-            self._end(handler, task, await handler.handle_async(task, body))
-
-        self._loop.start(begun, attend())
+    async def _handle_async(self, handler: Handler, task: Task, body: bytes) -> None:
+        self._end(handler, task, await handler.handle_async(task, body))
 
     def _end(self, handler: Handler, task: Task, answer: Answer) -> None:
         """A handler has returned: tell central, or see that somebody will."""
@@ -248,12 +240,12 @@ class Slots:
         self._threads: set[str] = set()  #: resources that have a thread
         self._open_slot: OpenSlot | None = None  #: while the module runs
 
-    def open(self, resources: Iterable[str], capacities: Mapping[str, int], open_slot: OpenSlot) -> None:
+    def open(self, resources: Iterable[str], plans: Mapping[str, ResourcePlan], open_slot: OpenSlot) -> None:
         """Open the slots of these resources, and wait until messages are handled. Raises what prevents it."""
         with self._lock:
             self._open_slot = open_slot
             for resource in resources:
-                for _ in range(capacities[resource]):
+                for _ in range(plans[resource].capacity):
                     self._open(resource, open_slot)
             opened = list(self._slots)
         for slot in opened:
