@@ -8,7 +8,7 @@ from tca_module.errors import CentralLost
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
 from tca_module.link.turns import QUICK, Turns
 from tca_module.session.open_deliveries import KILLED, OpenDelivery, never, wake_error, working_on
-from tca_module.session.request import Request, waits_for_others
+from tca_module.session.request import Request
 from tca_module.session.session import Session, quiet_within
 from tca_wire.packets.headers import Deliver
 
@@ -58,7 +58,7 @@ class WaitLoop:
         """Wait until *is_over*, or the handler is to be woken. An answer wins, unless the same kill ended both."""
         open_deliveries, one = self._session.open_deliveries, self._session.open_deliveries.waiting_handler()
         can_wake = one is not None or open_deliveries.is_ending is not never
-        if not can_wake or (request is not None and not waits_for_others(request)):
+        if not can_wake or (request is not None and not request.waits_for_others):
             return self.until(is_over, timeout, alarm, since)
         came = self.until(lambda: is_over() or bool(open_deliveries.wake_reason(one)), timeout, alarm, since)
         why = open_deliveries.wake_reason(one)

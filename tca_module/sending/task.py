@@ -17,7 +17,6 @@ from tca_module.sending.task_points import TaskInterval
 from tca_module.sending.task_ref import FIND_IT, SteerableTask, TaskRef
 from tca_module.sending.task_requests import Requests, ServerState, TaskRequest
 from tca_module.session.epoch_numbers import check_epoch, with_epoch
-from tca_module.session.open_deliveries import OpenDelivery
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver
 from tca_wire.points import ROOT, Interval, TaskId
@@ -217,10 +216,9 @@ class Task(Sender, SteerableTask, ReportingTask):
             self.later = LaterReply(connection, self._message, self._delivery, state)
         return self.later
 
-    def handled(self) -> tuple[OpenDelivery, ServerState]:
-        """The delivery, and the task's state, for the library itself."""
-        served = self._served()
-        return served.delivery, served
+    def served(self) -> ServerState:
+        """The task's state, for the library itself."""
+        return self._served()
 
     def _served(self) -> ServerState:
         self._node()

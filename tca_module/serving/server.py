@@ -5,6 +5,7 @@ Between messages, and while a handler waits, the thread of its resource gives re
 
 from abc import ABC, abstractmethod
 from collections.abc import Coroutine
+from functools import partial
 from typing import Any, Generic
 
 from tca_module.checks import check_function
@@ -14,7 +15,7 @@ from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Rejection
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.task import Task
-from tca_module.sending.task_requests import TaskRequest
+from tca_module.sending.task_requests import ServerState, TaskRequest
 from tca_module.serving.handlers import Handler
 from tca_module.session.open_deliveries import working_on
 from tca_wire.life_cycles import Effect, LifeCycle
@@ -90,58 +91,44 @@ class ServerHandler(Handler):
     def task(self, connection: Connection, delivery: Deliver) -> Task:
         """A message to be handled; what clients ask of it is given to the server from now on."""
         task = super().task(connection, delivery)
-        Conversation(self._server, task, self, connection, delivery)
+        served = task.served()
+        served.is_conversing = True
+
+        def hear() -> None:
+            while connection.session.open_deliveries.knows(served.delivery):
+                if (request := served.take_new()) is None:
+                    return
+                with working_on(served.delivery):
+                    self._decide(connection, delivery, served, request)
+
+        hear_soon = partial(connection.waiting.callbacks.append, hear)
+        served.delivery.on_request += (hear_soon,)
+        if served.delivery.requested:
+            hear_soon()
         return task
 
-
-class Conversation:
-    """What clients ask of one task, and what its server says to that."""
-
-    def __init__(
-        self, server: Server[Any, Any], task: Task, handler: ServerHandler, connection: Connection, delivery: Deliver
-    ) -> None:  # fmt: skip
-        self._server = server
-        self._task = task  # that the server has
-        self._handler, self._delivery = handler, delivery
-        self._connection = connection
-        self._one, self._served = task.handled()
-        self._served.is_conversing = True
-        self._one.on_request += (self._hear_soon,)
-        if self._one.requested:
-            self._hear_soon()
-
-    def _hear_soon(self) -> None:
-        self._connection.waiting.callbacks.append(self._hear)
-
-    def _hear(self) -> None:
-        open_deliveries = self._connection.session.open_deliveries
-        while open_deliveries.knows(self._one) and (request := self._served.take_new()) is not None:
-            with working_on(self._one):
-                self._answer(request)
-
-    def _answer(self, request: TaskRequest) -> None:
-        task, why = Handler.task(self._handler, self._connection, self._delivery), ""
+    def _decide(self, connection: Connection, delivery: Deliver, served: ServerState, request: TaskRequest) -> None:
+        """Say what the server says to a client's request."""
+        task, why = super().task(connection, delivery), ""
         try:
-            is_granted = self._ask(task, request)
+            is_granted = self._ask(task, served, request)
             task.check_sent()
         except TaskKilled:
             return
         except Rejection as error:
             is_granted, why = False, str(error)
         except ORDINARY as error:
-            self._connection.log.exception("%s: the server's answer to %s failed", type(self._server).__name__, request)
+            connection.log.exception("%s: the server's answer to %s failed", type(self._server).__name__, request)
             is_granted, why = False, f"its handler failed: {type(error).__name__}: {error}"
         finally:
             task.returned()
-        if is_granted:
+        if is_granted or not served.can_reject:
             request.accept()
-        elif self._served.can_reject:
-            request.reject(why)
         else:
-            request.accept()
+            request.reject(why)
 
-    def _ask(self, task: Task, request: TaskRequest) -> bool:
-        method = _method_for(self._served.life_cycle, request.transition)
+    def _ask(self, task: Task, served: ServerState, request: TaskRequest) -> bool:
+        method = _method_for(served.life_cycle, request.transition)
         if method == "update":
             return self._server.update(task, request.goal)
         if method == "cancel":

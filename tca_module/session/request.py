@@ -22,7 +22,7 @@ _ABOUT_CENTRAL = headers.Ask | headers.Inspect | headers.GetVariable | headers.W
 HARMLESS = _ABOUT_CENTRAL | headers.AwaitPoint | headers.Lock
 """Requests that may be made twice: the second changes nothing."""
 
-_WAITS_FOR_OTHERS = Send | headers.AwaitPoint | headers.Lock | headers.WaitUntilHandled | Observe
+WAITS_FOR_OTHERS = Send | headers.AwaitPoint | headers.Lock | headers.WaitUntilHandled | Observe
 """Requests that central answers when others have done something."""
 
 _WITHOUT_TASKS = (
@@ -84,6 +84,11 @@ class Request:
         return is_open and isinstance(header, Send) and not header.blocking and not self.is_announced
 
     @property
+    def waits_for_others(self) -> bool:
+        """Whether the answer comes only when others have done something."""
+        return self.wants_answer and isinstance(self.header, WAITS_FOR_OTHERS)
+
+    @property
     def is_ended_by_kill(self) -> bool:
         """Whether it was ended by a kill."""
         is_refused = self.refused is not None and self.refused.refusal is Refusal.TOO_LATE
@@ -129,23 +134,6 @@ def is_for_any_central(header: Any) -> bool:
     if isinstance(header, Register):
         return not header.handlers
     return not refers_to_tasks(header) and isinstance(header, _ABOUT_CENTRAL)
-
-
-class Asked(Protocol):
-    """A request, as far as it tells how it is answered."""
-
-    @property
-    def header(self) -> Any:
-        """It itself."""
-
-    @property
-    def wants_answer(self) -> bool:
-        """Accepted is not the end of it."""
-
-
-def waits_for_others(request: Asked) -> bool:
-    """Whether the answer comes only when others have done something."""
-    return request.wants_answer and isinstance(request.header, _WAITS_FOR_OTHERS)
 
 
 def refers_to_tasks(header: Any) -> bool:

@@ -14,7 +14,7 @@ from simulation.network import Network
 
 from tca_module.session.lasting_attachments import LastingAttachments
 from tca_module.session.open_deliveries import KILLED, OpenDelivery, working_on
-from tca_module.session.request import Request, waits_for_others
+from tca_module.session.request import Request
 from tca_module.session.session import PREFETCH, Session, quiet_within
 from tca_wire.packets import codec, headers
 
@@ -251,7 +251,7 @@ class Thread:
         """Let a handler go on that has what it waited for; whether it has."""
         request, session = work.request, self.session
         is_over = request.is_over if request is not None else False
-        reason = "" if request is None or not waits_for_others(request) or work.open is None else (
+        reason = "" if request is None or not request.waits_for_others or work.open is None else (
             session.open_deliveries.wake_reason(work.open))  # fmt: skip
         if reason and (not is_over or (reason == KILLED and request is not None and request.is_ended_by_kill)):
             session.open_deliveries.mark_told(work.open)

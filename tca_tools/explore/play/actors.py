@@ -6,7 +6,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from tca_module.session.request import waits_for_others
+from tca_module.session.request import WAITS_FOR_OTHERS
 from tca_tools.explore.play.identifiers import MessageId, RequestNumber
 from tca_tools.explore.play.inbox import SlotInbox
 from tca_tools.explore.scenario.scenario import ScenarioModule
@@ -73,7 +73,7 @@ class Actor:
         """Whether it waits no longer for an answer because its task was killed, or its module ends: once for each, as
         Connection.wait has it.
         """
-        if not waits_for_others(request):
+        if not (request.wants_answer and isinstance(request.header, WAITS_FOR_OTHERS)):
             return False
         if self._is_woken_by_kill:
             return not request.unread or request.unread[0].is_void
