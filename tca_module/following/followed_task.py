@@ -45,12 +45,9 @@ def check_states(what: str, message: Message[Any, Any] | None, states: Collectio
 class NamedTask:
     """A task as a program has it: what its handle provides."""
 
+    message: str  #: the name of the message that the task is
+    _task_id: TaskId
     _origin: int
-
-    @property
-    def message(self) -> str:
-        """The name of the message that the task is."""
-        raise NotImplementedError
 
     @property
     def _in_words(self) -> str:
@@ -66,7 +63,8 @@ class NamedTask:
         raise NotImplementedError
 
     def _node(self) -> TaskId:
-        raise NotImplementedError
+        """The task as requests name it: its id may yet be unknown. Raises MisuseError where there is none."""
+        return self._task_id
 
 
 class FollowedTask(NamedTask, Generic[C]):

@@ -1,7 +1,7 @@
 """What a Sender asks of central itself: variables, locks, and the directory."""
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from functools import cached_property
 from typing import Any, Literal, TypeVar, overload
@@ -48,8 +48,14 @@ MOST_SENT = 10_000
 class CentralServices:
     """The base of a Sender: its place in the tree, and what it asks of central and no module."""
 
-    def __init__(self, parent: TaskId = ROOT, origin: int = 0, *, is_shared: bool = False) -> None:
-        """*is_shared*: others send under the same *parent*, as everybody does under the root."""
+    def __init__(
+        self, parent: TaskId = ROOT, origin: int = 0, *, is_shared: bool = False,
+        connection: Callable[[], Connection] | None = None,
+    ) -> None:  # fmt: skip
+        """*is_shared*: others send under the same *parent*, as everybody does under the root. *connection* gives that
+        of the calling thread, unless a class has one of its own.
+        """
+        self._given_connection = connection
         self._parent = parent
         self._origin = origin
         self._is_shared = is_shared or parent == ROOT
@@ -66,7 +72,8 @@ class CentralServices:
 
     def _connection(self) -> Connection:
         """The connection of the calling thread."""
-        raise NotImplementedError
+        assert self._given_connection is not None
+        return self._given_connection()
 
     def _declare(self, *messages: Message[Any, Any], within: float = ACKNOWLEDGED_WITHIN) -> Connection:
         """The connection, with the messages and the parts of monitors among them declared on it."""

@@ -180,7 +180,7 @@ class Sender(WatchingServices):
         Refused ("too late") when the task has ended.
         """
         check("under()", TASK, task=task)
-        return _Under(self, self._origin, task)
+        return Sender(node_of(task), self._origin, is_shared=True, connection=self._connection)
 
     def sequence(self, plan_ahead: int | None = None) -> AbstractContextManager[None]:
         """A block of subtasks, each achieved after the one before. Blocks nest.
@@ -432,14 +432,3 @@ class Sender(WatchingServices):
         if not is_over:
             raise not_answered(message, QUERY_TIMEOUT, connection.give_up(request))
         return PendingReply(connection, request, message).receive()
-
-
-class _Under(Sender):
-    """Sends under a task that others may handle."""
-
-    def __init__(self, sender: Sender, origin: int, task: TaskRef) -> None:
-        super().__init__(node_of(task), origin, is_shared=True)
-        self._sender = sender
-
-    def _connection(self) -> Connection:
-        return self._sender._connection()  # noqa: SLF001

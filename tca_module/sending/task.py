@@ -40,6 +40,7 @@ class Task(Sender, SteerableTask, ReportingTask):
         self._link: Connection | None = connection
         self._wakes: Connection = connection  # also when the handler has returned
         self._message = message
+        self.message = message.name
         self._delivery = delivery
         self._accepts = accepts
         self.is_async = False  #: its handler is a coroutine
@@ -59,16 +60,6 @@ class Task(Sender, SteerableTask, ReportingTask):
     def delivery(self) -> int:
         """The number by which the handler's answer names the message; below 0 if it came directly."""
         return self._delivery.delivery
-
-    @property
-    def id(self) -> TaskId:
-        """The task's number, as in the journal; 0 if the message is no task."""
-        return self._task_id
-
-    @property
-    def message(self) -> str:
-        """The name of the message."""
-        return self._message.name
 
     @property
     def cancelled(self) -> bool:

@@ -82,12 +82,6 @@ class SteerableTask(TaskIntervals, NamedTask):
         """The task's number, as in the journal."""
         return self._task_id
 
-    def _node(self) -> TaskId:
-        """The task that is steered, as requests name it: its id may yet be unknown. Raises MisuseError where there is
-        none.
-        """
-        return self._task_id
-
     # --- stopping --------------------------------------------------------------------------------------------------
 
     def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> bool:
@@ -252,7 +246,7 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
     def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int = 0) -> None:
         super().__init__(task_id)
         self._link = connection
-        self._name = message
+        self.message = message
         self._origin = origin
         self._end: tuple[headers.Answer, bytes] | None = None  # how it ended, once that has been waited for
 
@@ -271,11 +265,6 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
         """The task for people, with its id if that is known: nobody waits for it."""
         task = self._task_id
         return task.what if isinstance(task, SentId) else str(self)
-
-    @property
-    def message(self) -> str:
-        """The name of the message that the task is."""
-        return self._name
 
     def _connection(self) -> Connection:
         self._link.check_thread(self, "sent or found it", FIND_IT)

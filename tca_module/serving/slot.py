@@ -88,7 +88,7 @@ class Slot:
         self._serving.stop.wakes(connection.transport.wake)
         connection.waiting.handle_delivery = self._attend
         connection.session.open_deliveries.is_ending = self._is_over
-        connection.root_sender = RootSender(connection)
+        connection.root_sender = Sender(connection=lambda: connection)
         self.callbacks.begin(connection)
         self.opened.set()
         with contextlib.ExitStack() as stack:
@@ -209,17 +209,6 @@ class Slot:
         if isinstance(header, Reply):
             header = Reply(task.delivery, self._connection.now() - task.began)
         self._connection.reply(header, body)
-
-
-class RootSender(Sender):
-    """Sends under the root, for callbacks in a slot's thread."""
-
-    def __init__(self, connection: Connection) -> None:
-        super().__init__()
-        self._link = connection
-
-    def _connection(self) -> Connection:
-        return self._link
 
 
 OpenSlot = Callable[[int, str, Callbacks], Slot]

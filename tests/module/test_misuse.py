@@ -271,7 +271,6 @@ OF_TASKS: dict[str, dict[str, Any]] = {
 }
 ALONE = {
     "id",
-    "message",
     "state",
     "serial",
     "follow",
