@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from robots.processes import Processes
-from robots.show import START_TIME, central, looks
 from robots.youbot_sim.messages import CARRY_OBJECTS, LOOK, MEASURE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER, OFFER_OBJECT
 from robots.youbot_sim.outcome import CarriedObject, read_delivery
 from robots.youbot_sim.robot import Physics, make_robot
 from robots.youbot_sim.vocabulary import GROUPS, JointReadings
 from tca_module import Client, connect
 from tca_tools.journal.journals import open_log
+from tca_tools.supervise.programs import Programs, central_in
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +46,17 @@ class DeliveryShow:
         simulator = ["--backend", self._backend, *(["--covered"] * schedule.starts_covered)]
         for change in schedule.changes:
             simulator += ["--change", str(change)]
-        with central(self._folder) as (address, processes):
-            processes.start("simulator", _program("simulator"), *simulator)
+        with central_in(self._folder) as (address, programs):
+            programs.start_module("simulator", _program("simulator"), *simulator)
             for group in GROUPS:
-                processes.start(group, _program("mover"), group)
-            processes.start("perception", _program("perception"))
-            processes.start("coordinator", _program("coordinator"), *([] if schedule.has_preview else ["--plain"]))
-            processes.start("user", _program("user"))
+                programs.start_module(group, _program("mover"), group)
+            programs.start_module("perception", _program("perception"))
+            programs.start_module(
+                "coordinator", _program("coordinator"), *([] if schedule.has_preview else ["--plain"])
+            )
+            programs.start_module("user", _program("user"))
             with connect("show", address) as client:
-                self._watch(client, processes)
+                self._watch(client, programs)
         return read_delivery(open_log(self.journal))
 
     def picture(self) -> Path:
@@ -68,14 +69,12 @@ class DeliveryShow:
         robot.close()
         return written
 
-    def _watch(self, client: Client, processes: Processes) -> None:
+    def _watch(self, client: Client, programs: Programs) -> None:
         """Have an object carried; see where the robot is when the fingers open."""
-        client.wait_until_handled(
-            CARRY_OBJECTS, OFFER_OBJECT, LOOK, MOVE_BASE, MOVE_ARM, MOVE_GRIPPER, timeout=START_TIME
-        )
+        programs.wait_until_handled(client, CARRY_OBJECTS, OFFER_OBJECT, LOOK, MOVE_BASE, MOVE_ARM, MOVE_GRIPPER)
         with client.observe(MOVE_GRIPPER, states=["running"]) as moves:
             carrying = client.command(CARRY_OBJECTS, 1)
-            for _ in looks(carrying, processes):
+            for _ in programs.looks(carrying):
                 if any(move.goal.to == "open" for move in moves.arrived()) and self._seen is None:
                     self._seen = client.query(MEASURE)
             carrying.result()

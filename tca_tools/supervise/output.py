@@ -1,6 +1,5 @@
 """What many programs say, on one screen, a line at a time and by name."""
 
-import asyncio
 import os
 import threading
 from collections import deque
@@ -10,6 +9,7 @@ MOST_WAITING = 4 << 20
 """Bytes that wait for a screen that takes no more: what comes then is dropped, for no program may wait for a reader."""
 LONGEST_LINE = 16 << 10
 LAST_LINES = 10
+_AT_ONCE = 1 << 16
 
 _COLOURS = (36, 33, 32, 35, 34, 96, 93, 92, 95, 94)
 _RESET = b"\x1b[0m"
@@ -78,16 +78,23 @@ class Output:
                 return
 
 
-class Lines(asyncio.Protocol):
+class Lines:
     """What one process says, cut into lines."""
 
     def __init__(self, tell: Callable[[bytes], None]) -> None:
-        self.over = asyncio.get_running_loop().create_future()  #: done when nobody can write there any more
         self.last: deque[bytes] = deque(maxlen=LAST_LINES)
         self._tell = tell
         self._begun = b""
 
-    def data_received(self, data: bytes) -> None:
+    def read_all(self, pipe: int) -> None:
+        """Read a pipe until nothing can write there any more."""
+        with os.fdopen(pipe, "rb", 0) as file:
+            while data := file.read(_AT_ONCE):
+                self.feed(data)
+        if self._begun:
+            self._take(self._begun)
+
+    def feed(self, data: bytes) -> None:
         """Tell the lines that are complete, and pieces of one that is too long."""
         *lines, self._begun = (self._begun + data).split(b"\n")
         for line in lines:
@@ -95,13 +102,6 @@ class Lines(asyncio.Protocol):
         while len(self._begun) > LONGEST_LINE:
             self._take(self._begun[:LONGEST_LINE])
             self._begun = self._begun[LONGEST_LINE:]
-
-    def connection_lost(self, _: Exception | None) -> None:
-        """Tell what has no end of line."""
-        if self._begun:
-            self._take(self._begun)
-        if not self.over.done():
-            self.over.set_result(None)
 
     def _take(self, line: bytes) -> None:
         line = line.rstrip(b"\r")

@@ -85,7 +85,9 @@ def robot(folder: Path, text: str, *options: str) -> Iterator[Running]:
 
 def guards_of(process: int) -> list[int]:
     """The guard that a ``tca run`` has now."""
-    children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    children = [
+        child for file in Path(f"/proc/{process}/task").glob("*/children") for child in file.read_text().split()
+    ]
     return [int(child) for child in children if "guard.py" in Path(f"/proc/{child}/cmdline").read_text()]
 
 

@@ -1,9 +1,9 @@
 """A central whose disk is full is no central that crashes."""
 
-import asyncio
 import os
 from pathlib import Path
 
+from tca_tools.supervise.guarded import GuardedProcesses
 from tca_tools.supervise.output import Output
 from tca_tools.supervise.robot_file import CENTRAL, Launch, Limits
 from tca_tools.supervise.supervised import Supervised
@@ -21,8 +21,9 @@ def test_central_without_room_is_started_until_there_is(tmp_path: Path) -> None:
     )  # fmt: skip
     told: list[str] = []
     nothing = os.open(os.devnull, os.O_WRONLY)
-    kept = Supervised(program, Output([CENTRAL], nothing, in_colour=False), told.append, nothing)
-    asyncio.run(kept.keep(asyncio.Event(), asyncio.Event()))
+    with GuardedProcesses("a test", 0.0) as processes:
+        kept = Supervised(program, Output([CENTRAL], nothing, in_colour=False), told.append, processes)
+        kept.keep()
     os.close(nothing)
     assert kept.code == 0
     assert [line.split(" (")[0] for line in told[:2]] == [
