@@ -48,6 +48,7 @@ ONLY_IN = {
         "robots/ambler_sim/machine/ground_bodies.py",
         "robots/ambler_sim/machine/physics.py",
         "robots/ambler_sim/machine/window.py",
+        "robots/engine.py",
         "robots/youbot_sim/physics.py",
     },
     "statemachine": {"tca_behaviours/coordination/model/statechart.py", "tca_behaviours/missions/charts/statechart.py"},
