@@ -15,7 +15,7 @@ from robots.cartesian_sim.generated import JointTarget
 from robots.cartesian_sim.guide import PATTERN
 from robots.cartesian_sim.mechanism import OVERTRAVEL, POWER_UP, Axis
 from robots.cartesian_sim.messages import WallPoint
-from robots.cartesian_sim.picture import draw
+from robots.cartesian_sim.drawing import draw
 from tca_behaviours.activities import automatic, one_each, one_for_all
 from tca_behaviours.activities.models.reading import read_model
 from tca_behaviours.activities.models.writing import write_code
