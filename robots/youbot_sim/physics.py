@@ -6,6 +6,7 @@ from pathlib import Path
 import pybullet
 
 from robots.engine import BulletWorld
+from robots.plane import placed
 from robots.rendering import RENDERED, write_png
 from robots.urdf import Triple
 from robots.youbot_sim import photograph
@@ -171,10 +172,8 @@ class BulletManipulator(BulletWorld):
         parts = [((across, across, thick), (0.0, 0.0, thick / 2))]
         parts += [((thick, across, box.height), (side * offset, 0.0, middle)) for side in (1, -1)]
         parts += [((across, thick, box.height), (0.0, side * offset, middle)) for side in (1, -1)]
-        cos, sin = math.cos(box.heading), math.sin(box.heading)
         for size, (ahead, left, up) in parts:
-            place = (box.x + cos * ahead - sin * left, box.y + sin * ahead + cos * left, up)
-            self._make_body(size, place, WALLS, turn=turn)
+            self._make_body(size, (*placed(box.x, box.y, box.heading, ahead, left), up), WALLS, turn=turn)
 
 
 def _per_motor(group: Group, joints: Joints) -> list[float]:

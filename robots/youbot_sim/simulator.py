@@ -6,7 +6,7 @@ from typing import cast
 from robots.youbot_sim.drives import Drives
 from robots.youbot_sim.mechanism import MobileManipulator
 from robots.youbot_sim.messages import DRIVE, HALT, LOOK, MEASURE, OFFER_OBJECT
-from robots.youbot_sim.vocabulary import Drive, Group, JointReadings, Motion
+from robots.youbot_sim.vocabulary import Group
 from tca_module import Callback, Module, Task
 
 STEP = 1 / 30
@@ -52,44 +52,20 @@ def make_module(simulated: SimulatedRobot, *, has_steps: bool) -> Module:
     """The module that simulates a robot; one that *has_steps* also while nobody asks for anything."""
     simulator = Module("simulator")
 
-    def step(callback: Callback) -> None:
-        simulated.follow(callback.time())
+    def now(sender: Task | Callback) -> SimulatedRobot:
+        """The robot as it is now."""
+        simulated.follow(sender.time())
+        return simulated
 
-    if has_steps:
-        simulator.every(STEP)(step)
-    _take_commands(simulator, simulated)
-    _answer_questions(simulator, simulated)
-    return simulator
-
-
-def _take_commands(simulator: Module, simulated: SimulatedRobot) -> None:
-    """Set the drives in motion, or the object between the fingers."""
-
-    @simulator.handles(DRIVE)
-    def drive(task: Task, wanted: Drive) -> Motion:
-        simulated.follow(task.time())
-        return simulated.drives.drive(wanted, task.time())
-
-    @simulator.handles(HALT)
-    def halt(task: Task, group: str) -> Motion:
-        simulated.follow(task.time())
-        return simulated.drives.halt(cast("Group", group), task.time())
-
-    @simulator.handles(OFFER_OBJECT)
     def offer_object(task: Task) -> None:
-        simulated.follow(task.time())
-        simulated.lid.offered(task.time())
+        now(task).lid.offered(task.time())
         simulated.robot.offer()
 
-
-def _answer_questions(simulator: Module, simulated: SimulatedRobot) -> None:
-    """Measure, and look."""
-
-    @simulator.handles(MEASURE)
-    def measure(task: Task) -> JointReadings:
-        simulated.follow(task.time())
-        return simulated.robot.measured()
-
-    @simulator.handles(LOOK)
-    def look(task: Task) -> bool:
-        return not simulated.lid.is_on(task.time())
+    if has_steps:
+        simulator.every(STEP)(now)
+    simulator.handles(DRIVE)(lambda task, wanted: now(task).drives.drive(wanted, task.time()))
+    simulator.handles(HALT)(lambda task, group: now(task).drives.halt(cast("Group", group), task.time()))
+    simulator.handles(OFFER_OBJECT)(offer_object)
+    simulator.handles(MEASURE)(lambda task: now(task).robot.measured())
+    simulator.handles(LOOK)(lambda task: not simulated.lid.is_on(task.time()))
+    return simulator
