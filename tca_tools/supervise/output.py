@@ -1,6 +1,7 @@
 """What many programs say, on one screen, a line at a time and by name."""
 
 import os
+import selectors
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -31,13 +32,32 @@ class Output:
         self._dropped = 0
         self._is_over = False
         self._changed = threading.Condition()
+        self._pipes = selectors.DefaultSelector()  #: of programs that are listened to
         self._thread = threading.Thread(target=self._write, daemon=True)  # it may stand in a write for ever
         self.on_closed: Callable[[], object] = lambda: None  #: called by the thread: nobody reads any more
         self.is_closed = False
 
     def start(self) -> None:
-        """Begin to write."""
+        """Begin to read and to write."""
         self._thread.start()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def listen(self, name: str, pipe: int) -> "Lines":
+        """Show what a program writes into a pipe, until nothing can write there any more; then close it."""
+        lines = Lines(lambda line: self.put(name, line))
+        self._pipes.register(pipe, selectors.EVENT_READ, lines)
+        return lines
+
+    def _read(self) -> None:
+        """Read all pipes, in one thread: so lines come in the order in which they were written."""
+        while True:
+            for key, _ in self._pipes.select():
+                if data := os.read(key.fd, _AT_ONCE):
+                    key.data.feed(data)
+                else:
+                    self._pipes.unregister(key.fd)
+                    os.close(key.fd)
+                    key.data.end()
 
     def put(self, name: str, line: bytes) -> None:
         """Show a line of a program."""
@@ -82,17 +102,10 @@ class Lines:
     """What one process says, cut into lines."""
 
     def __init__(self, tell: Callable[[bytes], None]) -> None:
+        self.over = threading.Event()  #: nothing can write there any more
         self.last: deque[bytes] = deque(maxlen=LAST_LINES)
         self._tell = tell
         self._begun = b""
-
-    def read_all(self, pipe: int) -> None:
-        """Read a pipe until nothing can write there any more."""
-        with os.fdopen(pipe, "rb", 0) as file:
-            while data := file.read(_AT_ONCE):
-                self.feed(data)
-        if self._begun:
-            self._take(self._begun)
 
     def feed(self, data: bytes) -> None:
         """Tell the lines that are complete, and pieces of one that is too long."""
@@ -102,6 +115,12 @@ class Lines:
         while len(self._begun) > LONGEST_LINE:
             self._take(self._begun[:LONGEST_LINE])
             self._begun = self._begun[LONGEST_LINE:]
+
+    def end(self) -> None:
+        """Tell what has no end of line."""
+        if self._begun:
+            self._take(self._begun)
+        self.over.set()
 
     def _take(self, line: bytes) -> None:
         line = line.rstrip(b"\r")

@@ -1,6 +1,6 @@
-"""Programs that a show, a benchmark or a test starts and ends: central and others, each with a log file of its own.
+"""Programs that are started together, and end with the one who started them: of robots, shows, benchmarks and tests.
 
-``tca run`` keeps programs running; here it is the caller who says what is to start, stop or be killed.
+The caller says what is to start, stop or be killed. ``tca run`` is a caller that keeps its programs running.
 """
 
 import os
@@ -8,15 +8,15 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
 from tca_module import Message, Sender, SentTask, TcaError, Timeout
 from tca_tools.supervise import guard
-from tca_tools.supervise.guarded import GuardedProcesses
 from tca_wire.endpoint import VARIABLE
 
 GRACE = 10.0
@@ -25,6 +25,7 @@ GRACE = 10.0
 START_TIME = 60.0
 """Seconds within which all programs must be there."""
 
+_GUARD_AGAIN = 1.0  # seconds until a guard that was killed is replaced
 _LOOK = 1.0
 """Seconds between two looks at whether they still are."""
 
@@ -34,49 +35,86 @@ class ProgramEnded(TcaError):
 
 
 class Programs:
-    """Programs by name. Leaving the block ends them, central last; if this process is killed they end, too."""
+    """Programs by name, each the leader of a process group. Leaving the block ends them, those last that *end last*.
 
-    def __init__(self, folder: Path | None = None, *, address: str = "", grace: float = GRACE) -> None:
-        """*folder*: the place of their logs; without one what they print is dropped. *address*: central's, for all."""
+    If this process is killed a guard ends them. Programs of different names may be used from different threads.
+    """
+
+    def __init__(
+        self,
+        folder: Path | None = None,
+        *,
+        address: str = "",
+        grace: float = GRACE,
+        starter: str = "their starter",
+        tell: Callable[[str], object] = lambda _: None,
+    ) -> None:
+        """Nothing starts yet.
+
+        Args:
+            folder: the place of the logs; without one what programs print is dropped.
+            address: central's, for all of them.
+            grace: seconds that they have to end.
+            starter: the guard's word for this process.
+            tell: is told that the guard was killed.
+        """
         self._folder = folder
         self._environment = {**os.environ, VARIABLE: address} if address else None
         self._grace = grace
-        self._guarded: GuardedProcesses | None = None
+        self._guard_command = [sys.executable, "-IS", guard.__file__, f"{grace:g}", starter]
+        self._tell = tell
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._starts: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {}
 
     def __enter__(self) -> Self:
+        self._guard_input, self._guarded = os.pipe()
+        self._guarding = threading.Thread(target=self._keep_guard, daemon=True)
+        self._guarding.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """End all."""
         try:
             for ends_last in (False, True):
-                self.stop(*(name for name in self._running if self._starts[name][1]["ends_last"] == ends_last))
+                self.stop(*(name for name in self._running if self._ends_last(name) == ends_last))
         finally:
             for name in list(self._running):  # Ctrl-C: somebody does not want to wait
                 self.kill(name)
-            if self._guarded is not None:
-                self._guarded.__exit__()
-                self._guarded = None
+            os.close(self._guarded)
+            os.close(self._guard_input)
+            self._guarding.join()
+
+    def _keep_guard(self) -> None:
+        """Replace the guard if it is killed; what that has read it forgets."""
+        while code := subprocess.Popen(self._guard_command, stdin=self._guard_input, start_new_session=True).wait():
+            self._tell(f"its guard ended ({code}); another one starts")
+            time.sleep(_GUARD_AGAIN)
+            for name, process in list(self._running.items()):
+                os.write(self._guarded, guard.started(process.pid, ends_last=self._ends_last(name)))
+
+    def _ends_last(self, name: str) -> bool:
+        return bool(self._starts[name][1]["ends_last"])
 
     # --- what is to run ----------------------------------------------------------------------------------------------
 
     def start(self, name: str, *command: str, ends_last: bool = False, **options: Any) -> int:
-        """Start a program under this name, with options of ``subprocess.Popen``; the number of its process."""
-        if self._guarded is None:
-            self._guarded = GuardedProcesses("their starter", self._grace).__enter__()
+        """Start a program under this name, with options of ``subprocess.Popen``; its process. Raises OSError."""
+
+        def tell_guard() -> None:
+            """In the new process: from its first moment on something ends it, and can."""
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # shells have what they start in the background ignore it
+            os.write(self._guarded, guard.started(os.getpid(), ends_last=ends_last))
+
         self._starts[name] = command, {"ends_last": ends_last, **options}
         with Path(os.devnull).open("ab") if self._folder is None else self.log(name).open("ab") as output:
-            options = {"env": self._environment, "stdout": output, "stderr": output, **options}
-            self._running[name] = self._guarded.start(command, ends_last=ends_last, **options)
+            given = {"env": self._environment, "stdout": output, "stderr": output, **options}
+            self._running[name] = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, start_new_session=True, **given,
+                preexec_fn=tell_guard,  # noqa: PLW1509 - it needs no lock that another thread may hold
+            )  # fmt: skip
         return self._running[name].pid
 
     def start_module(self, name: str, module: str, *arguments: str, ends_last: bool = False) -> int:
-        """Start a Python module under this name; the number of its process."""
+        """Start a Python module under this name; its process."""
         return self.start(name, sys.executable, "-m", module, *arguments, ends_last=ends_last)
 
     def stop(self, *names: str) -> list[int]:
@@ -86,13 +124,20 @@ class Programs:
 
     def kill(self, name: str) -> int:
         """Kill a program; its exit code, if it has ended already."""
-        assert self._guarded is not None
-        process = self._running.pop(name)
-        process.kill()
-        return self._guarded.wait(process)
+        self._running[name].kill()
+        return self.wait(name)
+
+    def wait(self, name: str) -> int:
+        """Wait for the end of a program, and kill what it has left behind; its exit code."""
+        process = self._running[name]
+        code = process.wait()
+        guard.send(process.pid, signal.SIGKILL)
+        del self._running[name]
+        os.write(self._guarded, guard.gone(process.pid))
+        return code
 
     def kill_and_restart(self, name: str) -> int:
-        """Kill a program, and run it once more; the number of the new process."""
+        """Kill a program, and run it once more; its new process."""
         self.kill(name)
         command, options = self._starts[name]
         return self.start(name, *command, **options)

@@ -7,9 +7,9 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from types import FrameType
 
 from tca_tools.supervise import guard
-from tca_tools.supervise.guarded import GuardedProcesses
 from tca_tools.supervise.hung import Silences
 from tca_tools.supervise.output import Output
+from tca_tools.supervise.programs import Programs
 from tca_tools.supervise.robot_file import RUN, RobotFile
 from tca_tools.supervise.supervised import Supervised
 from tca_wire.text.printable import printable
@@ -26,8 +26,8 @@ class Running:
         self._reasons: queue.SimpleQueue[tuple[float, str]] = queue.SimpleQueue()  #: to end, with their times
         self._asked = 0.0  #: when it was asked to end
         grace = max(program.limits.grace for program in robot.programs)
-        self._processes = GuardedProcesses("'tca run'", grace, self._tell)
-        self._kept = [Supervised(program, output, self._tell, self._processes) for program in robot.programs]
+        self._programs = Programs(grace=grace, starter="'tca run'", tell=self._tell)
+        self._kept = [Supervised(one, output, self._tell, self._programs) for one in robot.programs]
         hung = [kept for kept in self._kept if kept.program.restarts_hung]
         self._silences = Silences(robot.address, hung, self._tell) if hung else None
 
@@ -35,7 +35,7 @@ class Running:
         """Run it until it is ended, or until its modules have ended: whether they did well. Raises GaveUp."""
         self._hear_signals()
         self._output.on_closed = lambda: self._end("nobody reads the output")
-        with self._processes, ThreadPoolExecutor(len(self._kept)) as threads:
+        with self._programs, ThreadPoolExecutor(len(self._kept)) as threads:
             keeping = {kept: threads.submit(kept.keep) for kept in self._kept}
             for future in keeping.values():
                 future.add_done_callback(lambda _: self._end(""))

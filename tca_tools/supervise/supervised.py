@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tca_tools.supervise import guard
-from tca_tools.supervise.guarded import GuardedProcesses
-from tca_tools.supervise.output import Lines, Output
+from tca_tools.supervise.output import Output
+from tca_tools.supervise.programs import Programs
 from tca_tools.supervise.restarts import Restarts, how_it_ended
 from tca_tools.supervise.robot_file import Launch
 from tca_tools.supervise.room import has_room
@@ -31,16 +31,14 @@ class GaveUp(Exception):
 class Supervised:
     """A program and its process. ``keep`` is all of its life."""
 
-    def __init__(
-        self, program: Launch, output: Output, tell: Callable[[str], None], processes: GuardedProcesses
-    ) -> None:
+    def __init__(self, program: Launch, output: Output, tell: Callable[[str], None], programs: Programs) -> None:
         self.program = program
         self.stop = threading.Event()  #: it is not to be started again
         self.code: int | None = None  #: how it ended, if it is not to start again
         self.group = 0  #: its process, which leads a group of its own; 0: it does not run
         self._output = output
         self._tell = tell  #: what people are told
-        self._processes = processes
+        self._programs = programs
         self._restarts = Restarts(program.limits)
         self._last: list[bytes] = []
         self._is_hung = False
@@ -94,25 +92,22 @@ class Supervised:
         """One life of its process; the return code, or None if it could not be started."""
         program = self.program
         read, write = os.pipe()
-        lines = Lines(lambda line: self._output.put(program.name, line))
         try:
-            process = self._processes.start(
-                program.command, ends_last=program.is_central, cwd=program.cwd, env=program.env, stdout=write,
-                stderr=write,
+            self.group = self._programs.start(
+                program.name, *program.command, ends_last=program.is_central, cwd=program.cwd, env=program.env,
+                stdout=write, stderr=write,
             )  # fmt: skip
         except OSError as error:
             os.close(read)
-            lines.feed(f"{program.command[0]}: {error.strerror}\n".encode())
-            self._last = list(lines.last)
+            self._last = [f"{program.command[0]}: {error.strerror}".encode()]
+            self._output.put(program.name, self._last[0])
             return None
         finally:
             os.close(write)
-        self.group = process.pid
-        self._tell(f"{program.name} started (process {process.pid})")
-        reading = threading.Thread(target=lines.read_all, args=[read], daemon=True)
-        reading.start()
-        code = self._processes.wait(process)
+        self._tell(f"{program.name} started (process {self.group})")
+        lines = self._output.listen(program.name, read)
+        code = self._programs.wait(program.name)
         self.group = 0
-        reading.join(_LAST_WORDS)
+        lines.over.wait(_LAST_WORDS)
         self._last = list(lines.last)
         return code

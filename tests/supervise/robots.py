@@ -55,9 +55,12 @@ class Running:
 
     def end(self) -> tuple[int, str]:
         """Wait for its end: exit code, and what it said on standard error."""
-        out, errors = self.process.communicate(timeout=SOON)
-        for line in out.splitlines(keepends=True):
+        assert self.process.stdout
+        assert self.process.stderr
+        for line in self.process.stdout:
             self._take(line)
+        errors = self.process.stderr.read()
+        self.process.wait(SOON)
         return self.process.returncode, errors
 
     def leaves_nothing(self) -> None:

@@ -11,16 +11,11 @@ from tca_tools.supervise.output import LONGEST_LINE, MOST_WAITING, Lines, Output
 
 def test_lines_are_whole_or_cut() -> None:
     told: list[bytes] = []
-    read, write = os.pipe()
     lines = Lines(told.append)
-    reading = threading.Thread(target=lines.read_all, args=[read])
-    reading.start()
-    for data in (b"one\ntw", b"o\r\n\n", b"x" * LONGEST_LINE + b"\n", b"no end"):
-        os.write(write, data)
-    os.close(write)
-    reading.join()
-    assert told == [b"one", b"two", b"", b"x" * LONGEST_LINE, b"no end"]
-    assert list(lines.last) == told
+    for data in (b"one\ntw", b"o\r\n\n", b"x" * (LONGEST_LINE + 1) + b"\n", b"no end"):
+        lines.feed(data)
+    lines.end()
+    assert told == list(lines.last) == [b"one", b"two", b"", b"x" * (LONGEST_LINE + 1), b"no end"]
 
 
 def test_a_line_without_an_end_is_told_in_pieces() -> None:

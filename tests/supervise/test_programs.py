@@ -45,10 +45,10 @@ def start(programs: Programs, name: str, command: tuple[str, ...]) -> int:
 
 
 def test_who_does_not_wait_for_them_leaves_no_program_behind(tmp_path: Path) -> None:
-    programs = Programs(tmp_path)
+    programs = Programs(tmp_path).__enter__()
     both = [start(programs, "idle", IDLE), start(programs, "deaf", DEAF)]
     with pytest.raises(KeyboardInterrupt), interrupted_after(0.2):
-        programs.close()
+        programs.__exit__()
     until(lambda: not any(map(guard.is_alive, both)), "they have ended")
 
 
@@ -70,7 +70,7 @@ def test_a_program_that_ends_by_itself_is_noticed(tmp_path: Path) -> None:
 STARTER = """
 import pathlib, sys, time
 from tca_tools.supervise.programs import Programs
-programs = Programs(pathlib.Path(sys.argv[1]), grace=0.2)
+programs = Programs(pathlib.Path(sys.argv[1]), grace=0.2).__enter__()
 print(programs.start("deaf", *sys.argv[2:]), programs.start("central", *sys.argv[2:], ends_last=True), flush=True)
 time.sleep(60)
 """

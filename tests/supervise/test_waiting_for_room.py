@@ -3,8 +3,8 @@
 import os
 from pathlib import Path
 
-from tca_tools.supervise.guarded import GuardedProcesses
 from tca_tools.supervise.output import Output
+from tca_tools.supervise.programs import Programs
 from tca_tools.supervise.robot_file import CENTRAL, Launch, Limits
 from tca_tools.supervise.supervised import Supervised
 from tca_wire.vocabulary import DISK_FULL
@@ -21,9 +21,12 @@ def test_central_without_room_is_started_until_there_is(tmp_path: Path) -> None:
     )  # fmt: skip
     told: list[str] = []
     nothing = os.open(os.devnull, os.O_WRONLY)
-    with GuardedProcesses("a test", 0.0) as processes:
-        kept = Supervised(program, Output([CENTRAL], nothing, in_colour=False), told.append, processes)
+    output = Output([CENTRAL], nothing, in_colour=False)
+    output.start()
+    with Programs() as programs:
+        kept = Supervised(program, output, told.append, programs)
         kept.keep()
+    output.close(10)
     os.close(nothing)
     assert kept.code == 0
     assert [line.split(" (")[0] for line in told[:2]] == [

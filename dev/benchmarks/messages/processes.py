@@ -21,7 +21,7 @@ class Children:
     """Servers in Python, and other programs; each is named by the number of its process."""
 
     def __init__(self) -> None:
-        self._programs = Programs(grace=_PATIENCE)
+        self._programs: Programs | None = None  #: while there are any
         self._names = itertools.count()
 
     def serve(self, target: Callable[..., None], *arguments: Any) -> int:
@@ -33,6 +33,8 @@ class Children:
 
     def program(self, *command: object, **options: Any) -> int:
         """Start a program that says nothing; the process' number."""
+        if self._programs is None:
+            self._programs = Programs(grace=_PATIENCE).__enter__()
         return self._programs.start(f"{next(self._names)}", *map(str, command), **options)
 
     def central(self, folder: Path, *options: str) -> int:
@@ -42,11 +44,14 @@ class Children:
 
     def end(self, process: int) -> None:
         """End one."""
+        assert self._programs is not None
         self._programs.stop(*(name for name, number in self._programs.numbers().items() if number == process))
 
     def stop(self) -> None:
         """End all, central last."""
-        self._programs.close()
+        if self._programs is not None:
+            self._programs.__exit__()
+            self._programs = None
 
 
 def address_in(folder: Path) -> str:
