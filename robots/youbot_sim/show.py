@@ -1,11 +1,12 @@
 """A delivery by programs of their own: starts central and the robot's modules, gives the object, reads the journal."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from robots.youbot_sim.messages import CARRY_OBJECTS, LOOK, MEASURE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER, OFFER_OBJECT
 from robots.youbot_sim.outcome import CarriedObject, read_delivery
 from robots.youbot_sim.robot import Physics, make_robot
+from robots.youbot_sim.simulator import Lid
 from robots.youbot_sim.vocabulary import GROUPS, JointReadings
 from tca_module import Client, connect
 from tca_tools.journal.journals import open_log
@@ -17,16 +18,14 @@ class ShownDelivery:
     """One of figure 7: what becomes of box B, and whether the coordinator looks ahead."""
 
     title: str
+    lid: Lid = field(default_factory=Lid)
     has_preview: bool = True
-    changes: tuple[float, ...] = ()
-    """Seconds after the object was given when the lid of box B is put on, or taken off."""
-    starts_covered: bool = False
 
 
 SCHEDULES = {
     "best": ShownDelivery("with a preview, box B free"),
-    "changed": ShownDelivery("with a preview, box B free, then covered on the way", changes=(2.0,)),
-    "plain": ShownDelivery("without a preview, box B covered", has_preview=False, starts_covered=True),
+    "changed": ShownDelivery("with a preview, box B free, then covered on the way", Lid((2.0,))),
+    "plain": ShownDelivery("without a preview, box B covered", Lid(starts_covered=True), has_preview=False),
 }
 
 
@@ -43,8 +42,8 @@ class DeliveryShow:
     def run(self) -> CarriedObject:
         """Carry it out, in place of an earlier one."""
         schedule = self._schedule
-        simulator = ["--backend", self._backend, *(["--covered"] * schedule.starts_covered)]
-        for change in schedule.changes:
+        simulator = ["--backend", self._backend, *(["--covered"] * schedule.lid.starts_covered)]
+        for change in schedule.lid.changes:
             simulator += ["--change", str(change)]
         with central_in(self._folder) as (address, programs):
             programs.start_module("simulator", _program("simulator"), *simulator)
@@ -64,7 +63,7 @@ class DeliveryShow:
         assert self._seen is not None, "run() comes first"
         robot = make_robot(self._backend)
         robot.assume(self._seen)
-        robot.cover(is_covered=self._schedule.starts_covered or bool(self._schedule.changes))
+        robot.cover(is_covered=self._schedule.lid != Lid())
         written = robot.picture(self._folder / "robot")
         robot.close()
         return written
