@@ -78,28 +78,21 @@ def _how(options: argparse.Namespace) -> str:
 
 
 def _fresh(folder: Path) -> Path:
-    """An empty folder, where only an earlier walk may have been; it is ours for as long as this process lives."""
+    """An empty folder, where only an earlier walk may have been; it is locked for as long as this process lives."""
     marker = folder / MARKER
-    if marker.exists() and not _may_lock(marker):
-        raise SystemExit(f"ambler: another walk is going on in {folder}: name another folder with --out")
     if folder.exists() and any(folder.iterdir()) and not marker.exists():
         raise SystemExit(f"ambler: {folder} holds something else than a walk: name another folder with --out")
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    marker.touch()
-    _may_lock(marker)
-    return folder.resolve()
-
-
-def _may_lock(marker: Path) -> bool:
-    """Whether no other walk has this folder; the lock ends with this process."""
-    handle = os.open(marker, os.O_RDWR | os.O_CLOEXEC)
+    folder.mkdir(parents=True, exist_ok=True)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(os.open(marker, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC), fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        os.close(handle)
-        return False
-    return True
+        raise SystemExit(f"ambler: another walk is going on in {folder}: name another folder with --out") from None
+    for path in folder.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        elif path != marker:
+            path.unlink()
+    return folder.resolve()
 
 
 def without_physics(options: argparse.Namespace) -> str:

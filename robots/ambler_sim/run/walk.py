@@ -64,7 +64,6 @@ class Walk:
     def __post_init__(self) -> None:
         columns = ("[bold]{task.description}", BarColumn(), "{task.completed:4.1f} of {task.total:.1f} m")
         self._progress = Progress(*columns, TimeElapsedColumn(), console=console)
-        self._bar = self._progress.add_task("walking", total=self.options.metres)
 
     @property
     def bends(self) -> tuple[Bend, ...]:
@@ -121,6 +120,7 @@ class Walk:
     def conduct(self, address: str, programs: Programs) -> bool:
         """Be the task manager: send the goal and watch it being achieved; whether it was."""
         with ProgramKiller(programs, address) as killer, self._progress:
+            self._bar = self._progress.add_task("walking", total=self.options.metres)
             module = task_manager.make_module(self.show, lambda number: self.confirm(number, programs), killer.kill)
             module.central = address
             with module.running():
