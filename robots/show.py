@@ -1,37 +1,39 @@
-"""What the shows of robots share: the command line, a central with programs, and pictures."""
+"""What the shows of robots share: the command line, and pictures."""
 
 import argparse
 import logging
 import signal
 import sys
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from click import ClickException, Command
 
-from robots.processes import Processes
-from tca_module import SentTask, TcaError, Timeout
+from tca_module import TcaError
 from tca_tools.drawing.pictures import converted
 from tca_tools.errors import NoPicture
 from tca_tools.gantt.__main__ import gantt
 from tca_tools.tasktree_viz.__main__ import tree
 
-START_TIME = 60.0
-"""Seconds within which all programs must be there."""
 
-LOOKS = 0.1
-"""Seconds between two looks at whether they still are."""
-
-
-def parser_of(robot: str, description: str | None) -> argparse.ArgumentParser:
+def parser_of(
+    robot: str, description: str | None, *, out: str = "", parents: Sequence[argparse.ArgumentParser] = ()
+) -> argparse.ArgumentParser:
     """The command line of `python -m robots.<robot>_sim`, with the option that all shows have."""
-    parser = argparse.ArgumentParser(prog=f"python -m robots.{robot}_sim", description=description)
-    out = Path("runs", robot)
-    parser.add_argument("--out", type=Path, default=out, help="folder of its files (%(default)s)")
+    parser = argparse.ArgumentParser(prog=f"python -m robots.{robot}_sim", description=description, parents=parents)
+    folder = Path(out or f"runs/{robot}")
+    parser.add_argument("--out", type=Path, default=folder, help="folder of its files (%(default)s)")
     return parser
+
+
+def forwarded(options: argparse.Namespace, *names: str) -> list[str]:
+    """These options as the command line of another program has them. One that is a list may be given again."""
+    words: list[str] = []
+    for name in names:
+        value = getattr(options, name)
+        for one in value if isinstance(value, list) else [] if value is None or value is False else [value]:
+            words += [f"--{name}", *([] if one is True else map(str, one if isinstance(one, list) else [one]))]
+    return words
 
 
 def between(least: float, most: float, what: str) -> Callable[[str], float]:
@@ -60,37 +62,6 @@ def shown(parser: argparse.ArgumentParser, show: Callable[[argparse.Namespace], 
     except KeyboardInterrupt:
         print(f"ended by Ctrl-C; what happened so far is in {options.out}", file=sys.stderr)
         return 130
-
-
-@contextmanager
-def central(folder: Path, prefix: str = "", *, is_fresh: bool = True) -> Iterator[tuple[str, Processes]]:
-    """Central, with a journal in the folder: its address, and the programs beside it.
-
-    Args:
-        folder: the place of the journal and of what the programs print.
-        prefix: the beginning of their names there.
-        is_fresh: a new run begins also where one is unfinished. False: it continues, as after central was killed.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="show") as sockets:
-        address = f"ipc://{sockets}/central.sock"
-        with Processes(folder, {"TCA_CENTRAL": address}) as processes:
-            journal = str(folder / f"{prefix}journal")
-            processes.start(f"{prefix}central", "tca_central", "--journal", journal, *["--fresh"] * is_fresh)
-            yield address, processes
-
-
-def looks(task: SentTask[Any], processes: Processes) -> Iterator[bool]:
-    """Time to look at a task, until it has ended: whether it has. Raises TcaError if a program ends before."""
-    is_over = False
-    while not is_over:
-        try:
-            task.wait(LOOKS)
-            is_over = True
-        except Timeout:
-            if name := processes.ended():
-                raise TcaError(f"{name} has ended: see {processes.log(name)}") from None
-        yield is_over
 
 
 def history(folder: Path, warn: Callable[[str], object] = print) -> Iterator[Path]:

@@ -1,12 +1,25 @@
 """Parts of a robot as URDF text: what the descriptions of several robots are made of."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 Triple = tuple[float, float, float]
 
 
-def link(name: str, inertia: str, looks: Sequence[str], solid: str = "") -> str:
-    """A body, with what it looks like and what is *solid* of it."""
+def robot(name: str, colours: Mapping[str, Triple], parts: Iterable[str]) -> str:
+    """The whole description: what looks name as a colour, links and joints."""
+    materials = "".join(
+        f'<material name="{colour}"><color rgba="{_text(rgb)} 1"/></material>' for colour, rgb in colours.items()
+    )
+    return f'<?xml version="1.0"?>\n<robot name="{name}">{materials}{"".join(parts)}</robot>\n'
+
+
+def link(
+    name: str, mass: float, size: Triple, looks: Iterable[str] = (), solid: str = "", *, centre: Triple = (0, 0, 0)
+) -> str:
+    """A body that is as heavy as a box of this size, with what it looks like and what is *solid* of it."""
+    x, y, z = (side * side * mass / 12 for side in size)
+    moments = f'ixx="{y + z}" iyy="{x + z}" izz="{x + y}" ixy="0" ixz="0" iyz="0"'
+    inertia = f'<inertial>{_place(centre)}<mass value="{mass}"/><inertia {moments}/></inertial>'
     return f'<link name="{name}">{inertia}{"".join(looks)}{solid}</link>\n'
 
 
@@ -22,11 +35,9 @@ def joint(
     )
 
 
-def inertia_of(mass: float, centre: Triple, size: Triple) -> str:
-    """Of a solid box."""
-    x, y, z = (side * side * mass / 12 for side in size)
-    moments = f'ixx="{y + z}" iyy="{x + z}" izz="{x + y}" ixy="0" ixz="0" iyz="0"'
-    return f'<inertial>{_place(centre)}<mass value="{mass}"/><inertia {moments}/></inertial>'
+def solid_box(centre: Triple, size: Triple) -> str:
+    """A box that others run into."""
+    return collision(centre, f'<box size="{_text(size)}"/>')
 
 
 def collision(centre: Triple, geometry: str) -> str:
@@ -48,13 +59,6 @@ def wheel(centre: Triple, radius: float, length: float, colour: str) -> str:
     """The look of a cylinder that lies across."""
     place = f'<origin xyz="{_text(centre)}" rpy="1.5707963 0 0"/>'
     return _visual(place, f'<cylinder radius="{radius}" length="{length}"/>', colour)
-
-
-def materials(colours: Mapping[str, Triple]) -> str:
-    """The colours, by name."""
-    return "".join(
-        f'<material name="{name}"><color rgba="{_text(rgb)} 1"/></material>' for name, rgb in colours.items()
-    )
 
 
 def _visual(place: str, shape: str, colour: str) -> str:

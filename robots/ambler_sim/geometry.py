@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Stance
+from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Foot, Pose, Posture, Stance
+from robots.plane import placed
 
 Array = NDArray[np.float64]
 
@@ -102,8 +103,13 @@ def to_body(pose: Pose, points: Array) -> Array:
 
 def offset(pose: Pose, forward: float, left: float) -> tuple[float, float]:
     """The world x, y of a point given relative to the body."""
-    cos, sin = math.cos(pose.heading), math.sin(pose.heading)
-    return pose.x + cos * forward - sin * left, pose.y + sin * forward + cos * left
+    return placed(pose.x, pose.y, pose.heading, forward, left)
+
+
+def turn_between(before: Array, after: Array) -> float:
+    """The angle by which points (n, 2) have turned about their middle, by least squares."""
+    a, b = before - before.mean(axis=0), after - after.mean(axis=0)
+    return math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
 
 
 def feet_of(joints: Array, legs: Sequence[int] = LEGS) -> Array:
@@ -121,6 +127,13 @@ def joints_of(feet: Array, near: Array | None = None, legs: Sequence[int] = LEGS
     if near is not None:
         angle = near + np.remainder(angle - near + math.pi, math.tau) - math.pi
     return np.stack([angle, np.hypot(x, y), SHOULDER_Z[index] - feet[:, 2]], axis=1)
+
+
+def stance_of(pose: Pose, joints: Array, last_leg: int = NO_LEG) -> Stance:
+    """The stance of a body at *pose* with these (angle, reach, drop) rows of all legs."""
+    world = to_world(pose, feet_of(joints))
+    feet = tuple(Foot(leg, float(x), float(y), float(z)) for leg, (x, y, z) in enumerate(world))
+    return Stance(pose, feet, last_leg)
 
 
 def leg_joints(pose: Pose, foot: Foot, near: float = 0.0) -> tuple[float, float, float]:

@@ -12,11 +12,12 @@ from pathlib import Path
 
 from robots.cartesian_sim.messages import CLEAN, ENABLE, MOVE_TO, REFERENCE, SET_SPEED, WallPoint
 from robots.cartesian_sim.robot import NAME, CleaningRobot
-from robots.show import central, parser_of, save_picture, shown
+from robots.show import parser_of, save_picture, shown
 from tca_behaviours.activities import Application
 from tca_behaviours.activities.manager import ActivityMove, ApplicationMessages
 from tca_behaviours.activities.page.command import activities
 from tca_module import Client, SentTask, TcaError, connect
+from tca_tools.supervise.programs import central_in
 from tca_wire.text.measures import duration
 
 CHANGES = 2.0
@@ -108,7 +109,7 @@ def _save(robot: CleaningRobot, changes: list[str], folder: Path) -> None:
 
 
 def _show(options: argparse.Namespace) -> int:
-    with central(options.out) as (address, _), contextlib.ExitStack() as stack:
+    with central_in(options.out) as (address, _), contextlib.ExitStack() as stack:
         robot = CleaningRobot(address)
         stack.enter_context(robot.module.running())
         show = CleaningShow(robot, address)

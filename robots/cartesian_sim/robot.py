@@ -1,6 +1,7 @@
 """The whole robot: components, the application that ticks them, its manager and the operator, in one module."""
 
 from robots.cartesian_sim.application import Components
+from robots.cartesian_sim.drawing import HEIGHT, WIDTH, draw
 from robots.cartesian_sim.messages import (
     CLEAN,
     DISABLE,
@@ -13,7 +14,6 @@ from robots.cartesian_sim.messages import (
     STOP,
 )  # fmt: skip
 from robots.cartesian_sim.operator import Operator
-from robots.cartesian_sim.picture import HEIGHT, WIDTH, draw
 from tca_behaviours.activities import Application
 from tca_behaviours.activities.manager import Control, ControlField, Manager
 from tca_module import Module

@@ -20,20 +20,20 @@ from robots.office_sim.messages import (
     SCENE,
 )
 from robots.office_sim.vocabulary import CupState, LabScene
-from robots.processes import Processes
-from robots.show import START_TIME, between, central, history, looks, parser_of, save_picture, shown
+from robots.show import between, forwarded, history, parser_of, save_picture, shown
 from tca_module import Client, Message, TcaError, connect
+from tca_tools.supervise.programs import Programs, central_in
 
-Programs = dict[str, Message[Any, Any]]
+ProgramTable = dict[str, Message[Any, Any]]
 """Beside each program is a message that it handles: once it does, all that it attaches is in force."""
 
-MODULES: Programs = {
+MODULES: ProgramTable = {
     "vision": CUPS_IN_VIEW,
     "controller": FOLLOW_PATH,
     "planner": NAVIGATE,
     "task manager": KEEP_FLOOR_FREE,
 }
-LAYERS: Programs = {"vanished cups": IS_GONE, "battery": IS_LOW, "grasps": GRASP_AGAIN}
+LAYERS: ProgramTable = {"vanished cups": IS_GONE, "battery": IS_LOW, "grasps": GRASP_AGAIN}
 
 PATIENCE = 900.0
 """Seconds of the lab within which no cup must be left after the last has fallen; else some stay there."""
@@ -66,25 +66,25 @@ def _show(options: argparse.Namespace) -> int:
 def _shift(options: argparse.Namespace) -> tuple[LabScene, TcaError | None]:
     """Have the floor kept free by programs of their own; the lab at the end, and why that was too early."""
     layers = {name: handled for name, handled in LAYERS.items() if name not in options.without}
-    pace = "--pace", str(options.pace)
-    with central(options.out) as (address, processes):
-        world = "--seed", str(options.seed), "--shift", str(options.shift)
-        processes.start("simulator", "robots.office_sim.modules.simulator", *pace, *world)
+    pace = forwarded(options, "pace")
+    with central_in(options.out) as (address, programs):
+        world = forwarded(options, "seed", "shift")
+        programs.start_module("simulator", "robots.office_sim.modules.simulator", *pace, *world)
         for name in MODULES:
-            processes.start(name, f"robots.office_sim.modules.{name.replace(' ', '_')}", *pace)
+            programs.start_module(name, f"robots.office_sim.modules.{name.replace(' ', '_')}", *pace)
         for name in layers:
-            processes.start(f"{name} layer", f"robots.office_sim.layers.{name.replace(' ', '_')}", *pace)
+            programs.start_module(f"{name} layer", f"robots.office_sim.layers.{name.replace(' ', '_')}", *pace)
         with connect("user", address) as user:
-            user.wait_until_handled(OPEN_LAB, *MODULES.values(), *layers.values(), timeout=START_TIME)
+            programs.wait_until_handled(user, OPEN_LAB, *MODULES.values(), *layers.values())
             user.inform(OPEN_LAB)
-            return _watch(user, processes, options.shift + PATIENCE)
+            return _watch(user, programs, options.shift + PATIENCE)
 
 
-def _watch(user: Client, processes: Processes, latest: float) -> tuple[LabScene, TcaError | None]:
+def _watch(user: Client, programs: Programs, latest: float) -> tuple[LabScene, TcaError | None]:
     """Say what happens, and call it a day when all cups have fallen and none is left."""
     keeping = user.goal(KEEP_FLOOR_FREE)
     told, has_called = 0, False
-    for is_over in looks(keeping, processes):
+    for is_over in programs.looks(keeping):
         scene = user.query(SCENE)
         for line in scene.happened[told:]:
             print(line, flush=True)

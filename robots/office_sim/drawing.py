@@ -2,9 +2,10 @@
 
 from collections.abc import Iterable
 
+from robots.drawing import Place, View
 from robots.office_sim.messages import REACH
 from robots.office_sim.paths import RADIUS
-from robots.office_sim.vocabulary import Block, CupState, FloorPlan, LabScene, Spot, Stretch
+from robots.office_sim.vocabulary import Block, CupState, LabScene, Spot
 from tca_tools.drawing.svg import document, text
 
 SCALE = 80.0
@@ -35,26 +36,34 @@ WAYS = {"way": "on the way to a cup", "carrying": "with a cup"}
 
 def draw(scene: LabScene, title: str) -> str:
     """The picture, as text."""
-    floor, place = scene.floor, _LabMap(scene.floor)
-    cups = [cup for cup in scene.cups if cup.state in LOOKS]
+    floor = scene.floor
+    view = View(MARGIN, TOP + floor.depth * SCALE, SCALE)
     body = [
         f'<text class="title" x="{MARGIN:.0f}" y="26">{text(f"{title}: {in_words(scene)}")}</text>',
-        place.rectangle("floor", Block(0.0, 0.0, floor.width, floor.depth)),
-        *(place.rectangle("table", table) for table in floor.tables),
-        *(place.rectangle("wall", wall) for wall in floor.walls),
-        place.circle("reach", floor.bin, REACH * SCALE),
-        place.circle("bin", floor.bin, 0.2 * SCALE),
-        place.label(floor.bin, "bin"),
-        place.rectangle("charger", floor.charger.around(0.2)),
-        place.label(Spot(floor.charger.x, floor.charger.y - 0.35), "charger"),
-        *(place.way(stretch) for stretch in scene.trail if len(stretch.points) > 1),
-        *(part for cup in cups for part in _cup(LOOKS[cup.state], *place.at(cup.spot), str(cup.number))),
-        place.circle("robot", scene.robot, RADIUS * SCALE),
-        *_legend(floor),
+        _block(view, "floor", Block(0.0, 0.0, floor.width, floor.depth)),
+        *(_block(view, "table", table) for table in floor.tables),
+        *(_block(view, "wall", wall) for wall in floor.walls),
+        view.disc("reach", _place(floor.bin), REACH),
+        view.disc("bin", _place(floor.bin), 0.2),
+        view.words("bin", _place(floor.bin), down=4, class_="number"),
+        _block(view, "charger", floor.charger.around(0.2)),
+        view.words("charger", (floor.charger.x, floor.charger.y - 0.35), down=4, class_="number"),
+        *(
+            view.line("carrying" if stretch.with_cup else "way", map(_place, stretch.points))
+            for stretch in scene.trail
+            if len(stretch.points) > 1
+        ),
+        *(
+            part
+            for cup in scene.cups
+            if cup.state in LOOKS
+            for part in _cup(view, LOOKS[cup.state], _place(cup.spot), f"{cup.number}")
+        ),
+        view.disc("robot", _place(scene.robot), RADIUS),
+        *_legend(View(MARGIN, TOP + floor.depth * SCALE + 30, 1.0)),
     ]
-    return document(
-        floor.width * SCALE + 2 * MARGIN, TOP + floor.depth * SCALE + BELOW, f"{title}: the lab from above", STYLE, body
-    )
+    width, height = floor.width * SCALE + 2 * MARGIN, TOP + floor.depth * SCALE + BELOW
+    return document(width, height, f"{title}: the lab from above", STYLE, body)
 
 
 def in_words(scene: LabScene) -> str:
@@ -65,56 +74,35 @@ def in_words(scene: LabScene) -> str:
     return f"{cups}; charged {scene.charges} time{'s' * (scene.charges != 1)}"
 
 
-class _LabMap:
-    """Where the places of a floor are in the picture; its y axis goes up."""
-
-    def __init__(self, floor: FloorPlan) -> None:
-        self._depth = floor.depth
-
-    def at(self, spot: Spot) -> tuple[float, float]:
-        return MARGIN + spot.x * SCALE, TOP + (self._depth - spot.y) * SCALE
-
-    def rectangle(self, look: str, block: Block) -> str:
-        left, top = self.at(Spot(block.left, block.top))
-        size = f'width="{(block.right - block.left) * SCALE:.1f}" height="{(block.top - block.bottom) * SCALE:.1f}"'
-        return f'<rect class="{look}" x="{left:.1f}" y="{top:.1f}" {size}/>'
-
-    def circle(self, look: str, spot: Spot, radius: float) -> str:
-        x, y = self.at(spot)
-        return _circle(look, x, y, radius)
-
-    def label(self, spot: Spot, words: str) -> str:
-        x, y = self.at(spot)
-        return f'<text class="number" x="{x:.1f}" y="{y + 4:.1f}">{words}</text>'
-
-    def way(self, stretch: Stretch) -> str:
-        points = " ".join("{:.1f},{:.1f}".format(*self.at(spot)) for spot in stretch.points)
-        return f'<polyline class="{"carrying" if stretch.with_cup else "way"}" points="{points}"/>'
+def _place(spot: Spot) -> Place:
+    return spot.x, spot.y
 
 
-def _circle(look: str, x: float, y: float, radius: float) -> str:
-    return f'<circle class="{look}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}"/>'
+def _block(view: View, look: str, block: Block) -> str:
+    return view.box(look, (block.left, block.bottom), block.right - block.left, block.top - block.bottom)
 
 
-def _cup(look: str, x: float, y: float, number: str) -> Iterable[str]:
+def _cup(view: View, look: str, place: Place, number: str) -> Iterable[str]:
     """A cup with its number; one that somebody took is crossed out."""
-    yield _circle(look, x, y, CUP)
+    yield view.disc(look, place, CUP / view.scale)
+    beside = 0.0
     if look == "taken":
-        yield f'<path class="cross" d="M{x - 7:.1f},{y + 7:.1f} L{x + 7:.1f},{y - 7:.1f}"/>'
-        x += CUP + 8
-    light = " light" * (look == "collected")
-    yield f'<text class="number{light}" x="{x:.1f}" y="{y + 3.5:.1f}">{number}</text>'
+        half, (x, y) = 7 / view.scale, place
+        yield view.line("cross", [(x - half, y - half), (x + half, y + half)])
+        beside = CUP + 8
+    yield view.words(number, place, right=beside, down=3.5, class_="number" + " light" * (look == "collected"))
 
 
-def _legend(floor: FloorPlan) -> Iterable[str]:
-    x, y = MARGIN + CUP, TOP + floor.depth * SCALE + 30
+def _legend(view: View) -> Iterable[str]:
+    """All looks, in one row; *view* is in pixels."""
+    x = CUP
     for look, words in CUPS.items():
-        yield from _cup(look, x, y, "")
-        yield f'<text x="{x + CUP + 7:.1f}" y="{y + 4:.1f}">{words}</text>'
+        yield from _cup(view, look, (x, 0.0), "")
+        yield view.words(words, (x, 0.0), right=CUP + 7, down=4)
         x += 6 * len(words) + 42
     for look, words in WAYS.items():
-        yield f'<polyline class="{look}" points="{x:.1f},{y:.1f} {x + 28:.1f},{y:.1f}"/>'
-        yield f'<text x="{x + 34:.1f}" y="{y + 4:.1f}">{words}</text>'
+        yield view.line(look, [(x, 0.0), (x + 28, 0.0)])
+        yield view.words(words, (x, 0.0), right=34, down=4)
         x += 6 * len(words) + 50
-    yield _circle("robot", x, y, CUP)
-    yield f'<text x="{x + CUP + 6:.1f}" y="{y + 4:.1f}">the robot</text>'
+    yield view.disc("robot", (x, 0.0), CUP)
+    yield view.words("the robot", (x, 0.0), right=CUP + 6, down=4)

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from robots.show import between, central, parser_of, save_picture, shown
+from robots.show import between, parser_of, save_picture, shown
 from robots.turtle_sim.drawing import draw
 from robots.turtle_sim.missions.background import background
 from robots.turtle_sim.missions.interrupted import interrupted
@@ -23,6 +23,7 @@ from robots.turtle_sim.sync.team import free_team, save_team
 from robots.turtle_sim.world import CENTRE, Pen, Pose, TurtleWorld
 from tca_behaviours.missions import ConditionVerified, Mission
 from tca_module.link.opening import CentralAddress
+from tca_tools.supervise.programs import central_in
 
 ENOUGH = 15.0
 """Seconds after which a mission is ended that would go on for ever."""
@@ -124,11 +125,11 @@ class Show:
     def run(self) -> None:
         """Carry out the missions, each in a thread. Raises what the first that failed has raised."""
         with ExitStack() as stack:
-            centrals = {name: stack.enter_context(central(self._folder, f"{name} ")) for name in self._missions}
+            centrals = {name: stack.enter_context(central_in(self._folder, f"{name} ")) for name in self._missions}
             servers = self._servers()
-            for name, (address, processes) in centrals.items():
+            for name, (address, programs) in centrals.items():
                 stack.enter_context(self._simulator.module(name, address).running())
-                processes.start(f"{name} task server", *servers[name])
+                programs.start_module(f"{name} task server", *servers[name])
             with ThreadPoolExecutor(len(centrals)) as pool:
                 try:
                     for carried_out in as_completed(

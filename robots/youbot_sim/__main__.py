@@ -6,7 +6,7 @@ from typing import cast
 
 from robots.show import parser_of, save_picture, shown
 from robots.youbot_sim.robot import Physics
-from robots.youbot_sim.seeds import HEAD, box_of, compare, row, summary
+from robots.youbot_sim.seeds import HEAD, compare, lid_of, row, summary
 from robots.youbot_sim.show import SCHEDULES, DeliveryShow, ShownDelivery
 from tca_tools.journal.fold import folded
 from tca_tools.journal.journals import open_log
@@ -50,9 +50,8 @@ def _table(seeds: int) -> int:
 def _show(options: argparse.Namespace) -> int:
     chosen = SCHEDULES if options.schedule == "all" else {options.schedule: SCHEDULES[options.schedule]}
     if options.seed is not None:
-        box = box_of(options.seed)
-        title = f"with a preview, box B {box}"
-        chosen = {f"seed-{options.seed}": ShownDelivery(title, changes=box.changes, starts_covered=box.starts_covered)}
+        lid = lid_of(options.seed)
+        chosen = {f"seed-{options.seed}": ShownDelivery(f"with a preview, box B {lid}", lid)}
     drawn: list[AgentSchedule] = []
     for name, delivery in chosen.items():
         folder = options.out / name

@@ -7,6 +7,7 @@ that turns the arm, three that lean it, and one that turns the gripper.
 import math
 from dataclasses import dataclass
 
+from robots.plane import placed
 from robots.youbot_sim.vocabulary import Joints
 
 MOUNT = 0.167
@@ -70,8 +71,6 @@ def joints_for(grip: Grip) -> Joints:
 
 def tip_in_world(base: Joints, arm: Joints) -> tuple[float, float, float]:
     """The fingertips in the world, of a base at x, y, heading."""
-    x, y, heading = base
     grip = grip_of(arm)
     ahead, left = MOUNT + grip.reach * math.cos(grip.azimuth), grip.reach * math.sin(grip.azimuth)
-    cos, sin = math.cos(heading), math.sin(heading)
-    return x + cos * ahead - sin * left, y + sin * ahead + cos * left, grip.height
+    return *placed(base[0], base[1], base[2], ahead, left), grip.height

@@ -4,15 +4,7 @@ import math
 
 import numpy as np
 
-from robots.ambler_sim.pictures.photograph import (
-    Camera,
-    Pixels,
-    Rendering,
-    ground_places,
-    halved,
-    near_multiple,
-    shadow,
-)
+from robots.rendering import Camera, Pixels, Rendering, camera_in_the_sun, ground_places, halved, near_multiple, shadow
 
 SUN = (2.0, -3.0, 6.0)
 SUN_DISTANCE = 30.0
@@ -29,8 +21,7 @@ def camera_at(x: float, y: float, heading: float) -> Camera:
 
 def sun_over(x: float, y: float) -> Camera:
     """From the sun: what the robot hides from there lies in its shadow."""
-    dx, dy, dz = (SUN_DISTANCE * part / math.hypot(*SUN) for part in SUN)
-    return Camera((x + dx, y + dy, dz), (x, y, 0.0), 4.5, near=SUN_DISTANCE - 5, far=SUN_DISTANCE + 5)
+    return camera_in_the_sun(SUN, SUN_DISTANCE, (x, y, 0.0), angle=4.5, depth=5.0)
 
 
 def develop(frame: Rendering, from_sun: Rendering) -> Pixels:

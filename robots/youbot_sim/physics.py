@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pybullet
 
-from robots.ambler_sim.machine.physics import BulletWorld
-from robots.ambler_sim.pictures.photograph import RENDERED, write_png
+from robots.engine import BulletWorld
+from robots.plane import placed
+from robots.rendering import RENDERED, write_png
 from robots.urdf import Triple
 from robots.youbot_sim import photograph
 from robots.youbot_sim.drives import START, Drives
@@ -60,9 +61,9 @@ class BulletManipulator(BulletWorld):
             self._time += TICK
             for group in GROUPS:
                 self._command(group, drives, self._time)
-            pybullet.stepSimulation(physicsClientId=self._world)
+            self._engine.stepSimulation()
         if self._hand is not None and self._has_gripped() and not drives.is_moving("gripper", now):
-            pybullet.removeConstraint(self._hand, physicsClientId=self._world)
+            self._engine.removeConstraint(self._hand)
             self._hand = None
 
     def measured(self) -> JointReadings:
@@ -74,17 +75,16 @@ class BulletManipulator(BulletWorld):
         """Put all joints where they are to be."""
         for group in GROUPS:
             for joint, value in zip(MOTORS[group], _per_motor(group, readings.joints(group)), strict=True):
-                pybullet.resetJointState(self._robot, self._joints[joint], value, physicsClientId=self._world)
+                self._engine.resetJointState(self._robot, self._joints[joint], value)
         if readings.object is ObjectPlace.HELD:
             self._make_object(readings)
 
     def offer(self) -> None:
         """A new object, held in its place until the fingers have it."""
         self._object, place, turn = self._make_object(self.measured())
-        self._hand = pybullet.createConstraint(
+        self._hand = self._engine.createConstraint(
             self._object, -1, -1, -1, pybullet.JOINT_FIXED, (0, 0, 0), (0, 0, 0), place,
-            childFrameOrientation=turn, physicsClientId=self._world,
-        )  # fmt: skip
+            childFrameOrientation=turn)  # fmt: skip
 
     def _make_object(self, readings: JointReadings) -> tuple[int, Triple, Quadruple]:
         """An object between the fingers: its body, where it is, and how it is turned."""
@@ -92,7 +92,7 @@ class BulletManipulator(BulletWorld):
         lean, heading = sum(readings.arm[1:4]), readings.base[2] + readings.arm[0]
         turn = pybullet.getQuaternionFromEuler((0.0, lean, heading))
         body = self._make_body(OBJECT, place, OBJECT_COLOUR, MASS, turn)
-        pybullet.changeDynamics(body, -1, lateralFriction=2.0, spinningFriction=0.05, physicsClientId=self._world)
+        self._engine.changeDynamics(body, -1, lateralFriction=2.0, spinningFriction=0.05)
         return body, place, turn
 
     def cover(self, *, is_covered: bool) -> None:
@@ -103,7 +103,7 @@ class BulletManipulator(BulletWorld):
             turn = pybullet.getQuaternionFromEuler((0, 0, box.heading))
             self._lid = self._make_body((side, side, 0.012), (box.x, box.y, box.height + 0.006), LID, turn=turn)
         elif not is_covered and self._lid is not None:
-            pybullet.removeBody(self._lid, physicsClientId=self._world)
+            self._engine.removeBody(self._lid)
             self._lid = None
 
     def picture(self, path: Path) -> Path:
@@ -119,7 +119,7 @@ class BulletManipulator(BulletWorld):
 
     def _command(self, group: Group, drives: Drives, time: float) -> None:
         motors = [self._joints[name] for name in MOTORS[group]]
-        pybullet.setJointMotorControlArray(
+        self._engine.setJointMotorControlArray(
             self._robot,
             motors,
             pybullet.POSITION_CONTROL,
@@ -128,19 +128,16 @@ class BulletManipulator(BulletWorld):
             forces=[FORCES[group]] * len(motors),
             positionGains=[0.3] * len(motors),
             velocityGains=[1.0] * len(motors),
-            physicsClientId=self._world,
         )
 
     def _positions(self, group: Group) -> Joints:
         motors = [self._joints[name] for name in MOTORS[group]]
-        return tuple(state[0] for state in pybullet.getJointStates(self._robot, motors, physicsClientId=self._world))
+        return tuple(state[0] for state in self._engine.getJointStates(self._robot, motors))
 
     def _has_gripped(self) -> bool:
         """Whether both fingers touch the object."""
         touching = {
-            contact[3]
-            for contact in pybullet.getContactPoints(self._robot, self._object, physicsClientId=self._world)
-            if contact[9] > 0
+            contact[3] for contact in self._engine.getContactPoints(self._robot, self._object) if contact[9] > 0
         }
         return {self._joints["finger1"], self._joints["finger2"]} <= touching
 
@@ -149,7 +146,7 @@ class BulletManipulator(BulletWorld):
             return ObjectPlace.NOWHERE
         if self._hand is not None:
             return ObjectPlace.OFFERED
-        place, _ = pybullet.getBasePositionAndOrientation(self._object, physicsClientId=self._world)
+        place, _ = self._engine.getBasePositionAndOrientation(self._object)
         if math.dist(place, tip_in_world(base, arm)) < NEAR:
             return ObjectPlace.HELD
         x, y, height = place
@@ -162,11 +159,9 @@ class BulletManipulator(BulletWorld):
     ) -> int:
         """A solid block; one without mass does not move."""
         half = [side / 2 for side in size]
-        shape = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._world)
-        look = pybullet.createVisualShape(
-            pybullet.GEOM_BOX, halfExtents=half, rgbaColor=colour, physicsClientId=self._world
-        )
-        body: int = pybullet.createMultiBody(mass, shape, look, place, turn, physicsClientId=self._world)
+        shape = self._engine.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half)
+        look = self._engine.createVisualShape(pybullet.GEOM_BOX, halfExtents=half, rgbaColor=colour)
+        body: int = self._engine.createMultiBody(mass, shape, look, place, turn)
         return body
 
     def _make_box(self, box: DropBox) -> None:
@@ -177,10 +172,8 @@ class BulletManipulator(BulletWorld):
         parts = [((across, across, thick), (0.0, 0.0, thick / 2))]
         parts += [((thick, across, box.height), (side * offset, 0.0, middle)) for side in (1, -1)]
         parts += [((across, thick, box.height), (0.0, side * offset, middle)) for side in (1, -1)]
-        cos, sin = math.cos(box.heading), math.sin(box.heading)
         for size, (ahead, left, up) in parts:
-            place = (box.x + cos * ahead - sin * left, box.y + sin * ahead + cos * left, up)
-            self._make_body(size, place, WALLS, turn=turn)
+            self._make_body(size, (*placed(box.x, box.y, box.heading, ahead, left), up), WALLS, turn=turn)
 
 
 def _per_motor(group: Group, joints: Joints) -> list[float]:

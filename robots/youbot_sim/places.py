@@ -1,8 +1,8 @@
 """Where things are: the poses that the robot knows by name, the boxes, the object."""
 
-import math
 from dataclasses import dataclass
 
+from robots.plane import seen_from
 from robots.youbot_sim.kinematics import Grip, joints_for
 from robots.youbot_sim.vocabulary import Group, Joints, ObjectPlace
 
@@ -36,9 +36,7 @@ class DropBox:
 
     def holds(self, x: float, y: float) -> bool:
         """Whether something that is let go above this point falls into it."""
-        ahead, left = x - self.x, y - self.y
-        cos, sin = math.cos(self.heading), math.sin(self.heading)
-        return max(abs(cos * ahead + sin * left), abs(cos * left - sin * ahead)) < self.size / 2
+        return max(map(abs, seen_from(self.x, self.y, self.heading, x, y))) < self.size / 2
 
 
 BOXES = (

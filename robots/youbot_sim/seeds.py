@@ -21,24 +21,11 @@ UNTIL = 12.0
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
-    """What becomes of box B: seconds after the object was given it is covered, or free, in turns."""
-
-    changes: tuple[float, ...]
-    starts_covered: bool
-
-    def __str__(self) -> str:
-        first, second = ("covered", "free") if self.starts_covered else ("free", "covered")
-        turns = [f"{(second, first)[number % 2]} {change:.1f}" for number, change in enumerate(self.changes)]
-        return ", ".join([first, *turns])
-
-
-@dataclass(frozen=True, slots=True)
 class SeedRow:
     """The same delivery with and without a preview."""
 
     seed: int
-    box: Box
+    lid: Lid
     plain: CarriedObject
     preview: CarriedObject
     foreseen: CarriedObject
@@ -55,26 +42,25 @@ class SeedRow:
         return self.preview.seconds - self.foreseen.seconds
 
 
-def box_of(seed: int) -> Box:
+def lid_of(seed: int) -> Lid:
     """Free or covered for a few seconds at a time, at random."""
     dice = random.Random(seed)  # noqa: S311 - not for secrets
     starts_covered, changes, time = dice.random() < 0.5, [], 0.0
     while (time := time + dice.uniform(SHORTEST, LONGEST)) < UNTIL:
         changes.append(round(time, 1))
-    return Box(tuple(changes), starts_covered)
+    return Lid(tuple(changes), starts_covered)
 
 
 def compare(seeds: int) -> Iterator[SeedRow]:
     """Seed by seed."""
     for seed in range(1, seeds + 1):
-        box = box_of(seed)
-        plain, preview = (_delivered(box, has_preview=has_preview) for has_preview in (False, True))
+        lid = lid_of(seed)
+        plain, preview = (_delivered(lid, has_preview=has_preview) for has_preview in (False, True))
         to_c = any(task.state == "going to C" for task in plain.tasks)
-        yield SeedRow(seed, box, plain, preview, _delivered(Box((), starts_covered=to_c), has_preview=True))
+        yield SeedRow(seed, lid, plain, preview, _delivered(Lid(starts_covered=to_c), has_preview=True))
 
 
-def _delivered(box: Box, *, has_preview: bool) -> CarriedObject:
-    lid = Lid(box.changes, starts_covered=box.starts_covered)
+def _delivered(lid: Lid, *, has_preview: bool) -> CarriedObject:
     return read_delivery(deliver(lid, make_coordinator(has_preview=has_preview)).entries)
 
 
@@ -89,7 +75,7 @@ def row(one: SeedRow) -> str:
     kept, wasted = (len(one.preview.with_role(role)) for role in (TaskRole.KEPT, TaskRole.WASTED))
     ahead = ", ".join([f"{kept} kept"] * bool(kept) + [f"{wasted} wasted"] * bool(wasted)) or "none"
     return (
-        f"| {one.seed} | {one.box} | {one.plain.seconds:.1f} s | {one.preview.seconds:.1f} s | {one.speed_up:.2f} "
+        f"| {one.seed} | {one.lid} | {one.plain.seconds:.1f} s | {one.preview.seconds:.1f} s | {one.speed_up:.2f} "
         f"| {ahead} | {one.preview.seconds_in_vain:.1f} s | {one.delay:.1f} s |"
     )
 

@@ -1,16 +1,16 @@
 """A delivery by programs of their own: starts central and the robot's modules, gives the object, reads the journal."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from robots.processes import Processes
-from robots.show import START_TIME, central, looks
 from robots.youbot_sim.messages import CARRY_OBJECTS, LOOK, MEASURE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER, OFFER_OBJECT
 from robots.youbot_sim.outcome import CarriedObject, read_delivery
 from robots.youbot_sim.robot import Physics, make_robot
+from robots.youbot_sim.simulator import Lid
 from robots.youbot_sim.vocabulary import GROUPS, JointReadings
 from tca_module import Client, connect
 from tca_tools.journal.journals import open_log
+from tca_tools.supervise.programs import Programs, central_in
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,16 +18,14 @@ class ShownDelivery:
     """One of figure 7: what becomes of box B, and whether the coordinator looks ahead."""
 
     title: str
+    lid: Lid = field(default_factory=Lid)
     has_preview: bool = True
-    changes: tuple[float, ...] = ()
-    """Seconds after the object was given when the lid of box B is put on, or taken off."""
-    starts_covered: bool = False
 
 
 SCHEDULES = {
     "best": ShownDelivery("with a preview, box B free"),
-    "changed": ShownDelivery("with a preview, box B free, then covered on the way", changes=(2.0,)),
-    "plain": ShownDelivery("without a preview, box B covered", has_preview=False, starts_covered=True),
+    "changed": ShownDelivery("with a preview, box B free, then covered on the way", Lid((2.0,))),
+    "plain": ShownDelivery("without a preview, box B covered", Lid(starts_covered=True), has_preview=False),
 }
 
 
@@ -44,18 +42,20 @@ class DeliveryShow:
     def run(self) -> CarriedObject:
         """Carry it out, in place of an earlier one."""
         schedule = self._schedule
-        simulator = ["--backend", self._backend, *(["--covered"] * schedule.starts_covered)]
-        for change in schedule.changes:
+        simulator = ["--backend", self._backend, *(["--covered"] * schedule.lid.starts_covered)]
+        for change in schedule.lid.changes:
             simulator += ["--change", str(change)]
-        with central(self._folder) as (address, processes):
-            processes.start("simulator", _program("simulator"), *simulator)
+        with central_in(self._folder) as (address, programs):
+            programs.start_module("simulator", _program("simulator"), *simulator)
             for group in GROUPS:
-                processes.start(group, _program("mover"), group)
-            processes.start("perception", _program("perception"))
-            processes.start("coordinator", _program("coordinator"), *([] if schedule.has_preview else ["--plain"]))
-            processes.start("user", _program("user"))
+                programs.start_module(group, _program("mover"), group)
+            programs.start_module("perception", _program("perception"))
+            programs.start_module(
+                "coordinator", _program("coordinator"), *([] if schedule.has_preview else ["--plain"])
+            )
+            programs.start_module("user", _program("user"))
             with connect("show", address) as client:
-                self._watch(client, processes)
+                self._watch(client, programs)
         return read_delivery(open_log(self.journal))
 
     def picture(self) -> Path:
@@ -63,19 +63,17 @@ class DeliveryShow:
         assert self._seen is not None, "run() comes first"
         robot = make_robot(self._backend)
         robot.assume(self._seen)
-        robot.cover(is_covered=self._schedule.starts_covered or bool(self._schedule.changes))
+        robot.cover(is_covered=self._schedule.lid != Lid())
         written = robot.picture(self._folder / "robot")
         robot.close()
         return written
 
-    def _watch(self, client: Client, processes: Processes) -> None:
+    def _watch(self, client: Client, programs: Programs) -> None:
         """Have an object carried; see where the robot is when the fingers open."""
-        client.wait_until_handled(
-            CARRY_OBJECTS, OFFER_OBJECT, LOOK, MOVE_BASE, MOVE_ARM, MOVE_GRIPPER, timeout=START_TIME
-        )
+        programs.wait_until_handled(client, CARRY_OBJECTS, OFFER_OBJECT, LOOK, MOVE_BASE, MOVE_ARM, MOVE_GRIPPER)
         with client.observe(MOVE_GRIPPER, states=["running"]) as moves:
             carrying = client.command(CARRY_OBJECTS, 1)
-            for _ in looks(carrying, processes):
+            for _ in programs.looks(carrying):
                 if any(move.goal.to == "open" for move in moves.arrived()) and self._seen is None:
                     self._seen = client.query(MEASURE)
             carrying.result()

@@ -1,37 +1,34 @@
 """The simulated robot and its boxes, as a module: drives to command, sensors to read."""
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import cast
 
 from robots.youbot_sim.drives import Drives
 from robots.youbot_sim.mechanism import MobileManipulator
 from robots.youbot_sim.messages import DRIVE, HALT, LOOK, MEASURE, OFFER_OBJECT
-from robots.youbot_sim.vocabulary import Drive, Group, JointReadings, Motion
+from robots.youbot_sim.vocabulary import Group
 from tca_module import Callback, Module, Task
 
 STEP = 1 / 30
 """Seconds between two steps of a simulator that needs them."""
 
 
+@dataclass(frozen=True, slots=True)
 class Lid:
-    """Box B is free, and covered, in turns: at first free, or covered if *starts_covered*; after each of the *changes*,
-    seconds after the object was offered, the other way round.
+    """What becomes of box B: free at first, or covered if it *starts covered*; after each of the *changes*, seconds
+    after the object was offered, the other way round.
     """
 
-    def __init__(self, changes: Sequence[float] = (), *, starts_covered: bool = False) -> None:
-        self._changes = changes
-        self._starts_covered = starts_covered
-        self._offered_at: float | None = None
+    changes: tuple[float, ...] = ()
+    starts_covered: bool = False
 
-    def offered(self, now: float) -> None:
-        """The object is offered."""
-        self._offered_at = now
+    def is_on(self, passed: float) -> bool:
+        """Whether it covers the box so many seconds after the object was offered."""
+        return self.starts_covered != bool(sum(change <= passed for change in self.changes) % 2)
 
-    def is_on(self, now: float) -> bool:
-        """Whether it covers the box."""
-        passed = 0.0 if self._offered_at is None else now - self._offered_at
-        turns = sum(change <= passed for change in self._changes)
-        return self._starts_covered != bool(turns % 2)
+    def __str__(self) -> str:
+        turns = [(0.0, self.starts_covered), *((change, self.is_on(change)) for change in self.changes)]
+        return ", ".join(("covered" if is_on else "free") + f" {time:.1f}" * (time > 0) for time, is_on in turns)
 
 
 class SimulatedRobot:
@@ -39,57 +36,39 @@ class SimulatedRobot:
 
     def __init__(self, robot: MobileManipulator, lid: Lid) -> None:
         self.robot = robot
-        self.lid = lid
         self.drives = Drives()
+        self._lid = lid
+        self._offered_at: float | None = None
 
     def follow(self, now: float) -> None:
         """Let time pass until *now*."""
-        self.robot.cover(is_covered=self.lid.is_on(now))
+        self.robot.cover(is_covered=self.is_covered(now))
         self.robot.follow(self.drives, now)
+
+    def offer(self, now: float) -> None:
+        """Put the object between the fingers."""
+        self._offered_at = now
+        self.robot.offer()
+
+    def is_covered(self, now: float) -> bool:
+        """Whether box B is."""
+        return self._lid.is_on(0.0 if self._offered_at is None else now - self._offered_at)
 
 
 def make_module(simulated: SimulatedRobot, *, has_steps: bool) -> Module:
     """The module that simulates a robot; one that *has_steps* also while nobody asks for anything."""
     simulator = Module("simulator")
 
-    def step(callback: Callback) -> None:
-        simulated.follow(callback.time())
+    def now(sender: Task | Callback) -> SimulatedRobot:
+        """The robot as it is now."""
+        simulated.follow(sender.time())
+        return simulated
 
     if has_steps:
-        simulator.every(STEP)(step)
-    _take_commands(simulator, simulated)
-    _answer_questions(simulator, simulated)
+        simulator.every(STEP)(now)
+    simulator.handles(DRIVE)(lambda task, wanted: now(task).drives.drive(wanted, task.time()))
+    simulator.handles(HALT)(lambda task, group: now(task).drives.halt(cast("Group", group), task.time()))
+    simulator.handles(OFFER_OBJECT)(lambda task: now(task).offer(task.time()))
+    simulator.handles(MEASURE)(lambda task: now(task).robot.measured())
+    simulator.handles(LOOK)(lambda task: not simulated.is_covered(task.time()))
     return simulator
-
-
-def _take_commands(simulator: Module, simulated: SimulatedRobot) -> None:
-    """Set the drives in motion, or the object between the fingers."""
-
-    @simulator.handles(DRIVE)
-    def drive(task: Task, wanted: Drive) -> Motion:
-        simulated.follow(task.time())
-        return simulated.drives.drive(wanted, task.time())
-
-    @simulator.handles(HALT)
-    def halt(task: Task, group: str) -> Motion:
-        simulated.follow(task.time())
-        return simulated.drives.halt(cast("Group", group), task.time())
-
-    @simulator.handles(OFFER_OBJECT)
-    def offer_object(task: Task) -> None:
-        simulated.follow(task.time())
-        simulated.lid.offered(task.time())
-        simulated.robot.offer()
-
-
-def _answer_questions(simulator: Module, simulated: SimulatedRobot) -> None:
-    """Measure, and look."""
-
-    @simulator.handles(MEASURE)
-    def measure(task: Task) -> JointReadings:
-        simulated.follow(task.time())
-        return simulated.robot.measured()
-
-    @simulator.handles(LOOK)
-    def look(task: Task) -> bool:
-        return not simulated.lid.is_on(task.time())

@@ -4,9 +4,8 @@ The wheels only turn in pictures: the base slides in x and y and turns, as four 
 """
 
 import itertools
-from collections.abc import Sequence
 
-from robots.urdf import Triple, box, collision, cylinder, inertia_of, joint, link, materials, wheel
+from robots.urdf import box, cylinder, joint, link, robot, solid_box, wheel
 from robots.youbot_sim.kinematics import FORE, HAND, LIMITS, MOUNT, SHOULDER_AHEAD, SHOULDER_HEIGHT, UPPER
 from robots.youbot_sim.places import OBJECT
 
@@ -30,13 +29,12 @@ COLOURS = {
 
 def youbot_urdf() -> str:
     """The whole robot. Joints: x, y, heading, arm1 to arm5, finger1 and finger2."""
-    parts = f"{materials(COLOURS)}{_slides()}{_base()}{_arm()}{_gripper()}"
-    return f'<?xml version="1.0"?>\n<robot name="youbot">{parts}</robot>\n'
+    return robot("youbot", COLOURS, [_slides(), _base(), _arm(), _gripper()])
 
 
 def _slides() -> str:
     """Two sledges without a shape, so that the base moves freely in the plane."""
-    sledges = "".join(_link(name, 1.0, (0.1, 0.1, 0.1)) for name in ("ground", "sledge_x", "sledge_y"))
+    sledges = "".join(link(name, 1.0, (0.1, 0.1, 0.1)) for name in ("ground", "sledge_x", "sledge_y"))
     return (
         sledges
         + joint("x", "prismatic", "ground", "sledge_x", (0, 0, 0), (1, 0, 0), (-20, 20), EFFORT["base"])
@@ -61,8 +59,8 @@ def _base() -> str:
             looks.append(wheel((x, y, 0.05), 0.05, 0.065, "dark"))
             looks.append(wheel((x, y, 0.05), 0.030, 0.072, "grey"))
             looks.append(wheel((x, y, 0.05), 0.012, 0.076, "orange"))
-    shape = collision((0, 0, 0.09), '<box size="0.58 0.376 0.08"/>')
-    return _link("base", 20.0, (0.58, 0.376, 0.14), looks, centre=(0, 0, 0.08), shape=shape)
+    shape = solid_box((0, 0, 0.09), (0.58, 0.376, 0.08))
+    return link("base", 20.0, (0.58, 0.376, 0.14), looks, shape, centre=(0, 0, 0.08))
 
 
 def _arm() -> str:
@@ -95,11 +93,11 @@ def _arm_links() -> list[str]:
     wrist = [box((0, 0, 0.05), (0.048, 0.056, 0.07), "orange"), cylinder((0, 0, 0.095), 0.030, 0.035, "dark")]
     palm = box((0, 0, 0.02), (0.05, 0.105, 0.034), "grey")
     return [
-        _link("arm1_link", 1.39, (0.12, 0.12, 0.08), [cylinder((0, 0, -0.02), 0.058, 0.06, "orange"), shoulder]),
-        _link("arm2_link", 1.318, (0.07, 0.08, UPPER), [upper, elbow], centre=(0, 0, UPPER / 2)),
-        _link("arm3_link", 0.821, (0.06, 0.07, FORE), [fore, bend], centre=(0, 0, FORE / 2)),
-        _link("arm4_link", 0.769, (0.06, 0.06, 0.1), wrist, centre=(0, 0, 0.05)),
-        _link("hand", 0.687, (0.06, 0.1, 0.04), [palm], centre=(0, 0, 0.02)),
+        link("arm1_link", 1.39, (0.12, 0.12, 0.08), [cylinder((0, 0, -0.02), 0.058, 0.06, "orange"), shoulder]),
+        link("arm2_link", 1.318, (0.07, 0.08, UPPER), [upper, elbow], centre=(0, 0, UPPER / 2)),
+        link("arm3_link", 0.821, (0.06, 0.07, FORE), [fore, bend], centre=(0, 0, FORE / 2)),
+        link("arm4_link", 0.769, (0.06, 0.06, 0.1), wrist, centre=(0, 0, 0.05)),
+        link("hand", 0.687, (0.06, 0.1, 0.04), [palm], centre=(0, 0, 0.02)),
     ]
 
 
@@ -111,15 +109,8 @@ def _gripper() -> str:
     for number, side in ((1, 1), (2, -1)):
         name, middle = f"finger{number}", (0.0, side * thick / 2, tip - long / 2 + OBJECT[2] / 3)
         size = (wide, thick, long)
-        shape = collision(middle, f'<box size="{wide} {thick} {long}"/>')
         looks = [box(middle, size, "bright"), box((0.0, side * thick, 0.045), (0.014, 0.01, 0.05), "dark")]
-        finger = _link(f"{name}_link", 0.05, FINGER, looks, shape=f"{GRIP}{shape}", centre=middle)
+        finger = link(f"{name}_link", 0.05, FINGER, looks, GRIP + solid_box(middle, size), centre=middle)
         ends, force = (0.0, 0.03), EFFORT["finger"]
         parts += [finger, joint(name, "prismatic", "hand", f"{name}_link", (0, 0, 0), (0, side, 0), ends, force)]
     return "".join(parts)
-
-
-def _link(
-    name: str, mass: float, size: Triple, looks: Sequence[str] = (), *, centre: Triple = (0, 0, 0), shape: str = ""
-) -> str:
-    return link(name, inertia_of(mass, centre, size), looks, shape)

@@ -1,15 +1,16 @@
-"""The guard: ends the programs of a robot when ``tca run`` itself is killed.
+"""The guard: ends programs when the process that has started them is killed.
 
-A process of its own, started as ``python guard.py GRACE``; it imports only the standard library, so it is small. Its
-standard input is a pipe whose other end ``tca run`` holds: the kernel closes it, however ``tca run`` dies. Each program
-writes its own process group there before it begins (``+12 0``; central ``+7 1``); ``tca run`` takes it back (``-12``)
-when the group is gone.
+A process of its own, started as ``python guard.py GRACE STARTER``; it imports only the standard library, so it is
+small. Its standard input is a pipe whose other end the starter holds: the kernel closes it, however the starter dies.
+Each program writes its own process group there before it begins (``+12 0``; one that ends last, as central, ``+7 1``);
+the starter takes it back (``-12``) when the group is gone.
 """
 
 import os
 import signal
 import sys
 import time
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 LOOK = 0.05
@@ -18,26 +19,14 @@ LAST_GRACE = 1.0
 """Seconds between SIGTERM and SIGKILL."""
 
 
-def started(group: int, *, is_central: bool) -> bytes:
+def started(group: int, *, ends_last: bool) -> bytes:
     """The line of a program that begins."""
-    return b"+%d %d\n" % (group, is_central)
+    return b"+%d %d\n" % (group, ends_last)
 
 
 def gone(group: int) -> bytes:
     """The line of a process group that is gone."""
     return b"-%d\n" % group
-
-
-def groups_left(lines: list[bytes]) -> dict[int, bool]:
-    """The groups that are there still, and whether each is central's."""
-    left: dict[int, bool] = {}
-    for line in lines:
-        words = line[1:].split()
-        if line.startswith(b"+"):
-            left[int(words[0])] = words[1] == b"1"
-        else:
-            left.pop(int(words[0]), None)
-    return left
 
 
 def send(group: int, number: int) -> bool:
@@ -53,18 +42,23 @@ def send(group: int, number: int) -> bool:
 
 def is_alive(group: int) -> bool:
     """Whether a process of a group lives. The dead that nobody reaps, as in many containers, do not count."""
-    if not send(group, 0):
-        return False
-    stats = list(Path("/proc").glob("[0-9]*/stat"))
-    return not stats or any(_is_alive_in(stat, group) for stat in stats)
+    return bool(_living([group]))
 
 
-def _is_alive_in(stat: Path, group: int) -> bool:
+def _living(groups: Iterable[int]) -> set[int]:
+    """Those of these groups of which a process lives."""
+    groups = {group for group in groups if send(group, 0)}
+    stats = list(Path("/proc").glob("[0-9]*/stat")) if groups else []
+    return groups.intersection(filter(None, map(_group_of_living, stats))) if stats else groups
+
+
+def _group_of_living(stat: Path) -> int:
+    """The group of a process, by its file in /proc; 0 if it is dead."""
     try:
-        state, _, its_group, *_ = stat.read_bytes().rpartition(b")")[2].split()
+        state, _, group, *_ = stat.read_bytes().rpartition(b")")[2].split()
     except OSError:
-        return False
-    return int(its_group) == group and state not in b"ZX"
+        return 0
+    return 0 if state in b"ZX" else int(group)
 
 
 def ask_to_end(group: int, number: int) -> None:
@@ -73,33 +67,50 @@ def ask_to_end(group: int, number: int) -> None:
     send(group, signal.SIGCONT)
 
 
-def end_all(groups: list[int], grace: float) -> None:
-    """End process groups, politely first: SIGINT lets a Python program clean up."""
-    for number, patience in ((signal.SIGINT, grace), (signal.SIGTERM, LAST_GRACE)):
-        groups = [group for group in groups if is_alive(group)]
-        for group in groups:
-            ask_to_end(group, number)
-        deadline = time.monotonic() + patience
-        while time.monotonic() < deadline and any(map(is_alive, groups)):
-            time.sleep(LOOK)
-    for group in groups:
-        send(group, signal.SIGKILL)
+def end_all(
+    graces: Mapping[int, float],
+    is_hurried: Callable[[], bool] = lambda: False,
+    on_kill: Callable[[int], object] = lambda _: None,
+) -> None:
+    """End process groups, politely first: SIGINT lets a Python program clean up.
+
+    Args:
+        graces: for each group the seconds between SIGINT and SIGTERM.
+        is_hurried: whether to wait no longer.
+        on_kill: is told a group that did not end in time.
+    """
+    began, left, terminated, pause = time.monotonic(), _living(graces), set[int](), LOOK / 64
+    for group in left:
+        ask_to_end(group, signal.SIGINT)
+    while left:
+        waited = time.monotonic() - began
+        for group in sorted(left):
+            if is_hurried() or waited > graces[group] + LAST_GRACE:
+                on_kill(group)
+                send(group, signal.SIGKILL)
+                left.discard(group)
+            elif waited > graces[group] and group not in terminated:
+                ask_to_end(group, signal.SIGTERM)
+                terminated.add(group)
+        time.sleep(pause := min(2 * pause, LOOK))  # most end at once
+        left = _living(left)
 
 
 def main() -> None:
-    """Wait for the end of ``tca run``, and end what it has left: modules first."""
+    """Wait for the end of the starter, and end what it has left: central last."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    lines: list[bytes] = []
+    groups: dict[int, bytes] = {}  #: and whether each ends last
     for line in sys.stdin.buffer:
-        lines.append(line)
-        if line.startswith(b"-"):
-            lines = [started(group, is_central=central) for group, central in groups_left(lines).items()]
-    left = {group: is_central for group, is_central in groups_left(lines).items() if is_alive(group)}
+        group, *ends_last = line[1:].split()
+        groups.pop(int(group), None)
+        if ends_last:
+            groups[int(group)] = ends_last[0]
+    left = _living(groups)
     if left:
-        print(f"tca: 'tca run' was killed; its {len(left)} programs are ended", file=sys.stderr, flush=True)
-    end_all([group for group, is_central in left.items() if not is_central], float(sys.argv[1]))
-    end_all([group for group, is_central in left.items() if is_central], float(sys.argv[1]))
+        print(f"tca: {sys.argv[2]} was killed; its {len(left)} programs are ended", file=sys.stderr, flush=True)
+    for now in (b"0", b"1"):
+        end_all({group: float(sys.argv[1]) for group in left if groups[group] == now})
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """Programs that stand still: central tells of those that it hears nothing from though they have not said goodbye."""
 
-import asyncio
 import os
 import socket
 import threading
@@ -22,8 +21,7 @@ class Silences:
     def __init__(self, address: str, programs: list[Supervised], tell: Callable[[str], None]) -> None:
         self._programs = programs
         self._tell = tell
-        self._loop = asyncio.get_running_loop()
-        self._lost: dict[str, asyncio.TimerHandle] = {}  #: by process, what is to be done if it stays away
+        self._lost: dict[str, threading.Timer] = {}  #: by process, what is to be done if it stays away
         self._over = threading.Event()
         self._module = Module(_NAME, address)
         self._module.handles(MODULE_LEFT)(self._on_left)
@@ -34,12 +32,12 @@ class Silences:
         """Begin to listen."""
         self._thread.start()
 
-    async def end(self) -> None:
+    def end(self) -> None:
         """Listen no more."""
         self._over.set()
         self._module.stop()
-        await asyncio.to_thread(self._thread.join, _COMES_BACK)
-        for timer in self._lost.values():
+        self._thread.join(_COMES_BACK)
+        for timer in list(self._lost.values()):
             timer.cancel()
 
     def _listen(self) -> None:
@@ -47,26 +45,24 @@ class Silences:
             try:
                 self._module.run(patience=_PATIENCE)
             except TcaError as error:
-                self._loop.call_soon_threadsafe(self._tell, f"can't hear whether programs hang: {error}")
+                self._tell(f"can't hear whether programs hang: {error}")
                 self._over.wait(_AGAIN)
 
     def _on_left(self, _: Task, left: Departure) -> None:
         if left.is_lost:
-            self._loop.call_soon_threadsafe(self._wait_for, left)
+            self._forget(left.process)
+            self._lost[left.process] = threading.Timer(_COMES_BACK, self._is_hung, [left])
+            self._lost[left.process].start()
 
     def _on_joined(self, _: Task, joined: Arrival) -> None:
-        self._loop.call_soon_threadsafe(self._is_back, joined.process)
+        self._forget(joined.process)
 
-    def _wait_for(self, left: Departure) -> None:
-        self._is_back(left.process)
-        self._lost[left.process] = self._loop.call_later(_COMES_BACK, self._is_hung, left)
-
-    def _is_back(self, process: str) -> None:
+    def _forget(self, process: str) -> None:
         if timer := self._lost.pop(process, None):
             timer.cancel()
 
     def _is_hung(self, left: Departure) -> None:
-        del self._lost[left.process]
+        self._lost.pop(left.process, None)
         host, _, number = left.process.rpartition(":")
         if host != socket.gethostname() or not number.isdecimal():
             return

@@ -1,7 +1,7 @@
 """What many programs say, on one screen, a line at a time and by name."""
 
-import asyncio
 import os
+import selectors
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -10,6 +10,7 @@ MOST_WAITING = 4 << 20
 """Bytes that wait for a screen that takes no more: what comes then is dropped, for no program may wait for a reader."""
 LONGEST_LINE = 16 << 10
 LAST_LINES = 10
+_AT_ONCE = 1 << 16
 
 _COLOURS = (36, 33, 32, 35, 34, 96, 93, 92, 95, 94)
 _RESET = b"\x1b[0m"
@@ -31,13 +32,32 @@ class Output:
         self._dropped = 0
         self._is_over = False
         self._changed = threading.Condition()
+        self._pipes = selectors.DefaultSelector()  #: of programs that are listened to
         self._thread = threading.Thread(target=self._write, daemon=True)  # it may stand in a write for ever
         self.on_closed: Callable[[], object] = lambda: None  #: called by the thread: nobody reads any more
         self.is_closed = False
 
     def start(self) -> None:
-        """Begin to write."""
+        """Begin to read and to write."""
         self._thread.start()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def listen(self, name: str, pipe: int) -> "Lines":
+        """Show what a program writes into a pipe, until nothing can write there any more; then close it."""
+        lines = Lines(lambda line: self.put(name, line))
+        self._pipes.register(pipe, selectors.EVENT_READ, lines)
+        return lines
+
+    def _read(self) -> None:
+        """Read all pipes, in one thread: so lines come in the order in which they were written."""
+        while True:
+            for key, _ in self._pipes.select():
+                if data := os.read(key.fd, _AT_ONCE):
+                    key.data.feed(data)
+                else:
+                    self._pipes.unregister(key.fd)
+                    os.close(key.fd)
+                    key.data.end()
 
     def put(self, name: str, line: bytes) -> None:
         """Show a line of a program."""
@@ -78,16 +98,16 @@ class Output:
                 return
 
 
-class Lines(asyncio.Protocol):
+class Lines:
     """What one process says, cut into lines."""
 
     def __init__(self, tell: Callable[[bytes], None]) -> None:
-        self.over = asyncio.get_running_loop().create_future()  #: done when nobody can write there any more
+        self.over = threading.Event()  #: nothing can write there any more
         self.last: deque[bytes] = deque(maxlen=LAST_LINES)
         self._tell = tell
         self._begun = b""
 
-    def data_received(self, data: bytes) -> None:
+    def feed(self, data: bytes) -> None:
         """Tell the lines that are complete, and pieces of one that is too long."""
         *lines, self._begun = (self._begun + data).split(b"\n")
         for line in lines:
@@ -96,12 +116,11 @@ class Lines(asyncio.Protocol):
             self._take(self._begun[:LONGEST_LINE])
             self._begun = self._begun[LONGEST_LINE:]
 
-    def connection_lost(self, _: Exception | None) -> None:
+    def end(self) -> None:
         """Tell what has no end of line."""
         if self._begun:
             self._take(self._begun)
-        if not self.over.done():
-            self.over.set_result(None)
+        self.over.set()
 
     def _take(self, line: bytes) -> None:
         line = line.rstrip(b"\r")

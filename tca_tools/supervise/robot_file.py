@@ -28,23 +28,27 @@ _NOT_AS_OPTIONS = {
 }
 
 
+Seconds = Annotated[float, Meta(ge=0, le=_DAY, description="a number of seconds")]
+PathName = Annotated[str, Meta(description="a folder in quotes")]
+
+
 class Limits(msgspec.Struct, frozen=True, kw_only=True):
     """How often a program is started again, and how long it may take to end."""
 
     restarts: Annotated[int, Meta(ge=0, le=1000, description="a whole number from 0 to 1000")] = 5
     """More crashes than this *within* so many seconds end the robot."""
     within: Annotated[float, Meta(gt=0, le=_DAY, description="a number of seconds above 0")] = 60.0
-    delay: Annotated[float, Meta(ge=0, le=_DAY, description="a number of seconds")] = 0.5
+    delay: Seconds = 0.5
     """Before the first restart; each further one waits twice as long, up to the longest."""
-    longest_delay: Annotated[float, Meta(ge=0, le=_DAY, description="a number of seconds")] = 10.0
-    grace: Annotated[float, Meta(ge=0, le=_DAY, description="a number of seconds")] = 5.0
+    longest_delay: Seconds = 10.0
+    grace: Seconds = 5.0
     """To end by itself after SIGINT."""
 
 
 class _CentralTable(Limits, frozen=True, kw_only=True):
     start: Annotated[bool, Meta(description="true, or false if central runs already")] = True
     address: Annotated[str, Meta(description='an address in quotes, such as "ipc:///run/robot/central.sock"')] = ""
-    journal: Annotated[str, Meta(description="a folder in quotes")] = ""
+    journal: PathName = ""
     options: Annotated[
         list[str], Meta(description="a list of options of 'tca central', such as [\"--sync\", \"always\"]")
     ] = []  # fmt: skip
@@ -54,7 +58,7 @@ class _ModuleTable(Limits, frozen=True, kw_only=True):
     command: Annotated[
         str | list[str], Meta(description='what starts the program, such as "python legs.py", or a list of its words')
     ]  # fmt: skip
-    cwd: Annotated[str, Meta(description="a folder in quotes")] = ""
+    cwd: PathName = ""
     env: Annotated[dict[str, str], Meta(description='a table of texts, such as { SIDE = "left" }')] = {}
     restart: Annotated[
         Literal["on-failure", "always", "never"], Meta(description='"on-failure", "always" or "never"')

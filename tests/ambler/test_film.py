@@ -10,7 +10,7 @@ from robots.ambler_sim import __main__ as walk
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.pictures.film import EVERY, FRAMES_PER_SECOND, SIZE, FilmCamera, join_frames
-from robots.ambler_sim.pictures.photograph import write_png
+from robots.rendering import write_png
 
 PIL_IMAGE = pytest.importorskip("PIL.Image")
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from robots.ambler_sim.errors import NoFootfall
 from robots.ambler_sim.geometry import AMBLER, Array, circulating_angle, leg_joints
-from robots.ambler_sim.machine.terrain import make_terrain
+from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.planning.footfall import LEG_SPACING, SEARCH_RADIUS, candidates, choose_foothold
 from robots.ambler_sim.vocabulary import TerrainSpec
 
@@ -72,7 +72,7 @@ def test_a_plane_is_recognised_as_one() -> None:
 @settings(max_examples=30)
 @given(st.integers(0, 999), st.floats(0.05, 0.3), st.floats(-0.1, 0.1))
 def test_a_chosen_foothold_stays_in_reach_until_the_leg_is_lifted(seed: int, slope: float, curvature: float) -> None:
-    terrain = make_terrain(TerrainSpec(seed, slope))
+    terrain = Terrain(TerrainSpec(seed, slope))
     ground = a_map(lambda x, y: terrain.heights_at(x, y) - terrain.height(0.0, 0.0))
     step = a_step(curvature)
     foot = choose_foothold(ground, step)

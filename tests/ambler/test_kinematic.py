@@ -10,11 +10,11 @@ from robots.ambler_sim.geometry import Array
 from robots.ambler_sim.machine.kinematic import KinematicPlant
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.machine.plant import standing_posture
-from robots.ambler_sim.machine.terrain import make_terrain
+from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.planning.stability import WEIGHT, centre_of_gravity
 from robots.ambler_sim.vocabulary import TerrainSpec
 
-HILLS = make_terrain(TerrainSpec(seed=3, slope=0.3))
+HILLS = Terrain(TerrainSpec(seed=3, slope=0.3))
 
 
 def a_plant() -> KinematicPlant:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robots.ambler_sim.machine.making import START
 from robots.ambler_sim.machine.plant import standing_posture
-from robots.ambler_sim.machine.terrain import TERRAINS, make_terrain
+from robots.ambler_sim.machine.terrain import TERRAINS, Terrain
 from robots.ambler_sim.vocabulary import Rock, TerrainSpec
 
 
@@ -15,7 +15,7 @@ from robots.ambler_sim.vocabulary import Rock, TerrainSpec
 @settings(max_examples=15)
 def test_hills_are_as_steep_as_asked_for_and_never_steeper(seed: int, slope: float, heading: float) -> None:
     """Along any path of 60 m that begins at the start."""
-    terrain = make_terrain(TerrainSpec(seed, slope))
+    terrain = Terrain(TerrainSpec(seed, slope))
     ways = np.arange(0.0, 60.0, 0.25)
     slopes = [terrain.gradient_at(way * np.cos(heading), way * np.sin(heading)) for way in ways]
     assert max(slopes) <= slope * 1.001
@@ -24,14 +24,14 @@ def test_hills_are_as_steep_as_asked_for_and_never_steeper(seed: int, slope: flo
 
 
 def test_a_long_walk_comes_through_the_steepest_places() -> None:
-    terrain = make_terrain(TerrainSpec(seed=5, slope=0.3))
+    terrain = Terrain(TerrainSpec(seed=5, slope=0.3))
     assert 0.28 <= max(terrain.gradient_at(x, 0.0) for x in np.arange(0.0, 300.0, 0.5)) <= 0.3
 
 
 @pytest.mark.parametrize("kind", TERRAINS)
 def test_the_same_seed_makes_the_same_ground_and_another_one_another(kind: str) -> None:
     x, y = np.meshgrid(np.linspace(-5.0, 60.0, 80), np.linspace(-9.0, 9.0, 40))
-    first, again, other = (make_terrain(TerrainSpec(seed, 0.3, kind=kind)).heights_at(x, y) for seed in (3, 3, 4))
+    first, again, other = (Terrain(TerrainSpec(seed, 0.3, kind=kind)).heights_at(x, y) for seed in (3, 3, 4))
     assert (first == again).all()
     assert (first == other).all() == (kind == "flat")
 
@@ -39,7 +39,7 @@ def test_the_same_seed_makes_the_same_ground_and_another_one_another(kind: str) 
 @given(st.floats(-900, 900), st.floats(-900, 900))
 @settings(max_examples=20)
 def test_a_height_does_not_depend_on_what_was_asked_before(x: float, y: float) -> None:
-    walked, fresh = make_terrain(TerrainSpec(7, 0.3)), make_terrain(TerrainSpec(7, 0.3))
+    walked, fresh = Terrain(TerrainSpec(7, 0.3)), Terrain(TerrainSpec(7, 0.3))
     walked.height(x + 20.0, y - 30.0)
     assert walked.height(x, y) == fresh.height(x, y)
     far = fresh.heights_at(np.array([x, x + 500.0]), np.array([y, y]))[0]  # too far apart to be kept
@@ -48,13 +48,13 @@ def test_a_height_does_not_depend_on_what_was_asked_before(x: float, y: float) -
 
 def test_ground_may_be_soft() -> None:
     x, y = np.meshgrid(np.linspace(10.0, 60.0, 100), np.linspace(-9.0, 9.0, 40))
-    soft = make_terrain(TerrainSpec(kind="soft")).softness_at(x, y) < 1
+    soft = Terrain(TerrainSpec(kind="soft")).softness_at(x, y) < 1
     assert 0.005 < soft.mean() < 0.2
 
 
 def test_rays_in_the_physics_engine_end_on_the_terrain_wherever_its_middle_height_is() -> None:
     physics = pytest.importorskip("robots.ambler_sim.machine.physics", exc_type=ImportError)
-    terrain = make_terrain(TerrainSpec(seed=9, slope=0.3))
+    terrain = Terrain(TerrainSpec(seed=9, slope=0.3))
     plant = physics.BulletPlant(terrain, standing_posture(terrain, START))
     directions = np.array([[0.6, 0.0, -0.8], [0.36, 0.48, -0.8], [0.0, -0.8, -0.6], [0.0, 0.0, 1.0]])
     origin = np.array([1.0, 0.5, 5.0])
@@ -65,18 +65,18 @@ def test_rays_in_the_physics_engine_end_on_the_terrain_wherever_its_middle_heigh
 
 
 def test_where_ground_gives_way_it_falls_in_and_nowhere_else() -> None:
-    terrain, untouched = make_terrain(TerrainSpec(slope=0.3)), make_terrain(TerrainSpec(slope=0.3))
+    terrain, untouched = Terrain(TerrainSpec(slope=0.3)), Terrain(TerrainSpec(slope=0.3))
     terrain.give_way(2.0, 1.0)
     x, y = np.array([2.0, 2.2, 2.4, 2.9, 700.0]), np.ones(5)
     fallen = untouched.heights_at(x, y) - terrain.heights_at(x, y)
     assert fallen == pytest.approx([0.25, 0.25, 0.125, 0.0, 0.0], abs=0.06)
-    again = make_terrain(terrain.present)
+    again = Terrain(terrain.present)
     assert again.heights_at(x, y) == pytest.approx(terrain.heights_at(x, y))
 
 
 def test_rocks_far_behind_do_not_bring_their_ground_back() -> None:
     """Only one part of the ground is kept: what asks for two by turns makes both anew, again and again."""
-    terrain, rock = make_terrain(TerrainSpec(seed=7, slope=0.3)), Rock(0.0, 1.0, 0.2, 0.5)
+    terrain, rock = Terrain(TerrainSpec(seed=7, slope=0.3)), Rock(0.0, 1.0, 0.2, 0.5)
     top = terrain.top(rock)
     terrain.height(400.0, 0.0)
     kept = terrain._kept

@@ -11,11 +11,11 @@ from cartesian.virtual_robot import VirtualRobot
 
 import robots
 from robots.cartesian_sim.__main__ import counted
+from robots.cartesian_sim.drawing import draw
 from robots.cartesian_sim.generated import JointTarget
 from robots.cartesian_sim.guide import PATTERN
 from robots.cartesian_sim.mechanism import OVERTRAVEL, POWER_UP, Axis
 from robots.cartesian_sim.messages import WallPoint
-from robots.cartesian_sim.picture import draw
 from tca_behaviours.activities import automatic, one_each, one_for_all
 from tca_behaviours.activities.models.reading import read_model
 from tca_behaviours.activities.models.writing import write_code

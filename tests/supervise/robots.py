@@ -55,9 +55,12 @@ class Running:
 
     def end(self) -> tuple[int, str]:
         """Wait for its end: exit code, and what it said on standard error."""
-        out, errors = self.process.communicate(timeout=SOON)
-        for line in out.splitlines(keepends=True):
+        assert self.process.stdout
+        assert self.process.stderr
+        for line in self.process.stdout:
             self._take(line)
+        errors = self.process.stderr.read()
+        self.process.wait(SOON)
         return self.process.returncode, errors
 
     def leaves_nothing(self) -> None:
@@ -85,7 +88,9 @@ def robot(folder: Path, text: str, *options: str) -> Iterator[Running]:
 
 def guards_of(process: int) -> list[int]:
     """The guard that a ``tca run`` has now."""
-    children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    children = [
+        child for file in Path(f"/proc/{process}/task").glob("*/children") for child in file.read_text().split()
+    ]
     return [int(child) for child in children if "guard.py" in Path(f"/proc/{child}/cmdline").read_text()]
 
 

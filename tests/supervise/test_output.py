@@ -1,6 +1,5 @@
 """Many programs on one screen: whole lines, by name; and none waits for a reader."""
 
-import asyncio
 import os
 import threading
 from pathlib import Path
@@ -11,27 +10,18 @@ from tca_tools.supervise.output import LONGEST_LINE, MOST_WAITING, Lines, Output
 
 
 def test_lines_are_whole_or_cut() -> None:
-    async def lines() -> tuple[list[bytes], list[bytes]]:
-        told: list[bytes] = []
-        made = Lines(told.append)
-        for data in (b"one\ntw", b"o\r\n\n", b"x" * (LONGEST_LINE + 1) + b"\n", b"no end"):
-            made.data_received(data)
-        made.connection_lost(None)
-        await made.over
-        return told, list(made.last)
-
-    told, last = asyncio.run(lines())
-    assert told == [b"one", b"two", b"", b"x" * (LONGEST_LINE + 1), b"no end"]
-    assert last == told
+    told: list[bytes] = []
+    lines = Lines(told.append)
+    for data in (b"one\ntw", b"o\r\n\n", b"x" * (LONGEST_LINE + 1) + b"\n", b"no end"):
+        lines.feed(data)
+    lines.end()
+    assert told == list(lines.last) == [b"one", b"two", b"", b"x" * (LONGEST_LINE + 1), b"no end"]
 
 
 def test_a_line_without_an_end_is_told_in_pieces() -> None:
-    async def pieces() -> list[int]:
-        told: list[bytes] = []
-        Lines(told.append).data_received(b"x" * (2 * LONGEST_LINE + 5))
-        return [len(piece) for piece in told]
-
-    assert asyncio.run(pieces()) == [LONGEST_LINE, LONGEST_LINE]
+    told: list[int] = []
+    Lines(lambda piece: told.append(len(piece))).feed(b"x" * (2 * LONGEST_LINE + 5))
+    assert told == [LONGEST_LINE, LONGEST_LINE]
 
 
 def test_each_line_has_its_name(tmp_path: Path) -> None:

@@ -1,10 +1,10 @@
 """A central whose disk is full is no central that crashes."""
 
-import asyncio
 import os
 from pathlib import Path
 
 from tca_tools.supervise.output import Output
+from tca_tools.supervise.programs import Programs
 from tca_tools.supervise.robot_file import CENTRAL, Launch, Limits
 from tca_tools.supervise.supervised import Supervised
 from tca_wire.vocabulary import DISK_FULL
@@ -21,8 +21,12 @@ def test_central_without_room_is_started_until_there_is(tmp_path: Path) -> None:
     )  # fmt: skip
     told: list[str] = []
     nothing = os.open(os.devnull, os.O_WRONLY)
-    kept = Supervised(program, Output([CENTRAL], nothing, in_colour=False), told.append, nothing)
-    asyncio.run(kept.keep(asyncio.Event(), asyncio.Event()))
+    output = Output([CENTRAL], nothing, in_colour=False)
+    output.start()
+    with Programs() as programs:
+        kept = Supervised(program, output, told.append, programs)
+        kept.keep()
+    output.close(10)
     os.close(nothing)
     assert kept.code == 0
     assert [line.split(" (")[0] for line in told[:2]] == [

@@ -145,7 +145,7 @@ def test_the_picture_has_a_line_for_each_stroke_and_a_shape_for_each_turtle() ->
     made.command("t", 1.0, 0.0)
     made.advance(1.0)
     svg = draw(Simulator(made).sheet(), "a & b")
-    assert '<polyline class="stroke" stroke="#0102ff" stroke-width="7" points="80.0,536.0 130.0,536.0"/>' in svg
+    assert '<polyline class="stroke" points="80.0,536.0 130.0,536.0" stroke="#0102ff" stroke-width="7"/>' in svg
     assert svg.count('class="turtle"') == 2
     assert "&lt;u&gt;" in svg
     assert "a &amp; b" in svg

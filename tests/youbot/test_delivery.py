@@ -30,7 +30,7 @@ TO_C = ["taking", "going to B", "going to C", "arm to box C", "dropping in C", "
 def delivered(name: str) -> CarriedObject:
     """One of the schedules."""
     schedule = SCHEDULES[name]
-    lid = Lid(schedule.changes, starts_covered=schedule.starts_covered)
+    lid = schedule.lid
     return read_delivery(deliver(lid, make_coordinator(has_preview=schedule.has_preview)).entries)
 
 
@@ -92,7 +92,7 @@ def test_with_all_likelihoods_0_the_journal_is_that_of_the_plain_machine() -> No
         for arrow in state.arrows:
             arrow.model = Prior(0.0)
     plain, looking = (
-        deliver(Lid([3.0]), coordinator).transcript()
+        deliver(Lid((3.0,)), coordinator).transcript()
         for coordinator in (
             make_coordinator(has_preview=False),
             Coordinator(unlikely, policy=Discrete(0.01, likelihood)),
@@ -115,7 +115,7 @@ def test_an_arm_that_moves_ahead_slowly_is_told_to_hurry_when_its_state_is_enter
 
 
 def test_two_objects_go_into_their_boxes() -> None:
-    with robot(Lid([9.0]), make_coordinator()) as central, connect("somebody", central) as somebody:
+    with robot(Lid((9.0,)), make_coordinator()) as central, connect("somebody", central) as somebody:
         central.advance(1.0)
         carrying = somebody.command(CARRY_OBJECTS, 2)
         central.advance(15.0)

@@ -139,7 +139,7 @@ def test_an_object_that_is_let_go_over_a_lid_is_not_in_the_box() -> None:
 
 
 def test_perception_becomes_sure_look_by_look() -> None:
-    with robot(lid=Lid([1.0])) as (central, user):
+    with robot(lid=Lid((1.0,))) as (central, user):
         central.advance(0.5)
         assert user.get_variable(BOX_B_FREE) == 1.0
         user.command(OFFER_OBJECT).wait(timeout=5)

@@ -1,6 +1,6 @@
 """A contestant in a process of its own, and what is measured there.
 
-All that a contestant starts is in the process group of its driver, so it can be ended as a whole.
+All that a contestant starts ends with its driver, also where that is killed.
 """
 
 import contextlib

@@ -1,15 +1,16 @@
-"""The processes that a contestant starts: all in its own group, so that they end with it, whatever happens."""
+"""The processes that a contestant starts: they end with it, whatever happens."""
 
-import multiprocessing
+import itertools
 import os
 import shutil
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from tca_tools.supervise.programs import Programs
 
 _OF_A_PROCESS = 2
 """In the number of a clock of Linux, beside that of the process."""
@@ -17,48 +18,40 @@ _PATIENCE = 3.0  # seconds until what does not end is killed
 
 
 class Children:
-    """Servers in Python, and other programs."""
+    """Servers in Python, and other programs; each is named by the number of its process."""
 
     def __init__(self) -> None:
-        self._servers: list[multiprocessing.process.BaseProcess] = []
-        self._programs: list[subprocess.Popen[bytes]] = []
+        self._programs: Programs | None = None  #: while there are any
+        self._names = itertools.count()
 
     def serve(self, target: Callable[..., None], *arguments: Any) -> int:
         """Run a function of ours in a process of its own; the process' number."""
-        server = multiprocessing.get_context("spawn").Process(target=target, args=arguments, daemon=True)
-        server.start()
-        self._servers.append(server)
-        assert server.pid is not None
-        return server.pid
+        spec = sys.modules[target.__module__].__spec__
+        assert spec is not None
+        code = f"from pathlib import PosixPath; from {spec.name} import {target.__name__} as serve; serve(*{arguments})"
+        return self.program(sys.executable, "-c", code)
 
     def program(self, *command: object, **options: Any) -> int:
         """Start a program that says nothing; the process' number."""
-        words, silent = [str(word) for word in command], subprocess.DEVNULL
-        running = subprocess.Popen(words, stdin=silent, stdout=silent, stderr=silent, **options)
-        self._programs.append(running)
-        return running.pid
+        if self._programs is None:
+            self._programs = Programs(grace=_PATIENCE).__enter__()
+        return self._programs.start(f"{next(self._names)}", *map(str, command), **options)
 
     def central(self, folder: Path, *options: str) -> int:
         """Start central at ``address_in(folder)``."""
-        return self.program(sys.executable, "-m", "tca_central", "--quiet", "--bind", address_in(folder), *options)
+        command = sys.executable, "-m", "tca_central", "--quiet", "--bind", address_in(folder), *options
+        return self.program(*command, ends_last=True)
+
+    def end(self, process: int) -> None:
+        """End one."""
+        assert self._programs is not None
+        self._programs.stop(*(name for name, number in self._programs.numbers().items() if number == process))
 
     def stop(self) -> None:
-        """End the servers, then the programs."""
-        for server in self._servers:
-            server.terminate()
-        for server in self._servers:
-            server.join(_PATIENCE)
-            if server.exitcode is None:
-                server.kill()
-        for program in self._programs:
-            program.terminate()
-        for program in self._programs:
-            try:
-                program.wait(_PATIENCE)
-            except subprocess.TimeoutExpired:
-                program.kill()
-                program.wait()
-        self._servers, self._programs = [], []
+        """End all, central last."""
+        if self._programs is not None:
+            self._programs.__exit__()
+            self._programs = None
 
 
 def address_in(folder: Path) -> str:

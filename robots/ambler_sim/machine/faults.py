@@ -6,16 +6,15 @@ it can: those of the scanner at once, those of the machine and soft ground after
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
-from robots.ambler_sim.geometry import Array, feet_of, to_world
+from robots.ambler_sim.geometry import Array, stance_of
 from robots.ambler_sim.machine.motion import HANGING_LOAD, Segment
-from robots.ambler_sim.machine.plant import Attitude, Plant
+from robots.ambler_sim.machine.plant import Plant
 from robots.ambler_sim.machine.terrain import HOLE_RADIUS, Terrain
 from robots.ambler_sim.planning.stability import support_margin
-from robots.ambler_sim.vocabulary import LEGS, Fault, Foot, Rock, Stance
+from robots.ambler_sim.vocabulary import LEGS, Fault, Rock, Stance
 
 LAG = 0.25
 """The share of its speed that a joint with a motion fault has left."""
@@ -38,11 +37,10 @@ SPARED = 0.5
 
 
 class FaultyPlant:
-    """A plant with faults."""
+    """A plant with faults: what is commanded to it, and what can be wrong of what it measures."""
 
     def __init__(self, plant: Plant, faults: Sequence[Fault] = (), armed: Sequence[Fault] = ()) -> None:
         self.plant = plant
-        self.name, self.tick = plant.name, plant.tick
         self.faults = list(faults)
         """What is wrong with machine and scanner now."""
         self.armed = list(armed)
@@ -133,18 +131,6 @@ class FaultyPlant:
                 loads[fault.leg] = np.nan
         return loads
 
-    def pushes(self) -> Array:
-        """The horizontal forces on the feet."""
-        return self.plant.pushes()
-
-    def bumps(self) -> Array:
-        """The forces on links and body."""
-        return self.plant.bumps()
-
-    def attitude(self) -> Attitude:
-        """Position and inclination of the body."""
-        return self.plant.attitude()
-
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
         """The next images after a scanner's fault have nothing, or anything, in them."""
         distances = self.plant.cast(origin, directions, limit)
@@ -158,22 +144,6 @@ class FaultyPlant:
                 garbage: Array = 0.5 + np.mod(np.arange(len(distances)) * 0.618, 1.0) * limit
                 return garbage
         return distances
-
-    def add_rock(self, rock: Rock) -> None:
-        """A rock that the scanner does not see."""
-        self.plant.add_rock(rock)
-
-    def give_way(self, x: float, y: float) -> None:
-        """The ground falls in, and with it the foot that stands there."""
-        self.plant.give_way(x, y)
-
-    def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:
-        """Draw robot, ground and footprints."""
-        return self.plant.picture(path, trail, size)
-
-    def close(self) -> None:
-        """Free what the simulator holds."""
-        self.plant.close()
 
     def _armed_of(self, *kinds: str) -> list[Fault]:
         return [fault for fault in self.armed if fault.kind in kinds]
@@ -196,9 +166,7 @@ class FaultyPlant:
 
     def _stance(self, joints: Array | None = None) -> Stance:
         """Where body and feet really are, or would be with these joints."""
-        pose = self.attitude().pose
-        world = to_world(pose, feet_of(self.plant.joints() if joints is None else joints))
-        return Stance(pose, tuple(Foot(leg, float(x), float(y), float(z)) for leg, (x, y, z) in enumerate(world)))
+        return stance_of(self.plant.attitude().pose, self.plant.joints() if joints is None else joints)
 
     def _offsets(self) -> Array:
         offsets = np.zeros((len(LEGS), 3))

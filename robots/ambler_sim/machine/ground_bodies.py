@@ -12,6 +12,7 @@ import pybullet
 from robots.ambler_sim.geometry import Array
 from robots.ambler_sim.machine.terrain import MOST_ADDED, RESOLUTION, Terrain
 from robots.ambler_sim.vocabulary import Rock
+from robots.engine import Engine
 
 TILE = 64
 """Cells on each side of a tile: 16 m."""
@@ -46,8 +47,8 @@ class Tile(NamedTuple):
 class GroundBodies:
     """The ground of a physics world."""
 
-    def __init__(self, world: int, terrain: Terrain) -> None:
-        self._world, self._terrain = world, terrain
+    def __init__(self, engine: Engine, terrain: Terrain) -> None:
+        self._engine, self._terrain = engine, terrain
         self._tiles: dict[tuple[int, int], Tile] = {}
         self._spare: list[Tile] = []
         self._around: tuple[int, int, int, int] | None = None
@@ -81,7 +82,7 @@ class GroundBodies:
         if len(self._added) > MOST_ADDED:
             oldest = self._added.popleft()
             self.rocks.remove(oldest)
-            pybullet.removeBody(oldest, physicsClientId=self._world)
+            self._engine.removeBody(oldest)
 
     def remake(self, x: float, y: float) -> None:
         """The ground around a point has changed."""
@@ -104,9 +105,9 @@ class GroundBodies:
         heights = np.zeros((TILE + 1, TILE + 1))
         heights[0, 0], heights[-1, -1] = -DEEPEST, DEEPEST
         shape = self._height_field(heights)
-        body: int = pybullet.createMultiBody(0, shape, physicsClientId=self._world)
-        pybullet.changeDynamics(body, -1, lateralFriction=FRICTION, physicsClientId=self._world)
-        pybullet.changeVisualShape(body, -1, textureUniqueId=-1, rgbaColor=SOIL, physicsClientId=self._world)
+        body: int = self._engine.createMultiBody(0, shape)
+        self._engine.changeDynamics(body, -1, lateralFriction=FRICTION)
+        self._engine.changeVisualShape(body, -1, textureUniqueId=-1, rgbaColor=SOIL)
         return Tile(body, shape)
 
     def _shape(self, tile: Tile, i: int, j: int) -> None:
@@ -117,27 +118,28 @@ class GroundBodies:
 
     def _lay(self, tile: Tile, i: int, j: int) -> None:
         middle = ((i + 0.5) * TILE * RESOLUTION, (j + 0.5) * TILE * RESOLUTION, 0.0)
-        pybullet.resetBasePositionAndOrientation(tile.body, middle, (0, 0, 0, 1), physicsClientId=self._world)
+        self._engine.resetBasePositionAndOrientation(tile.body, middle, (0, 0, 0, 1))
 
     def _height_field(self, heights: Array, **options: int) -> int:
-        number: int = pybullet.createCollisionShape(
+        number: int = self._engine.createCollisionShape(
             pybullet.GEOM_HEIGHTFIELD,
             meshScale=[RESOLUTION, RESOLUTION, 1],
             heightfieldData=heights.T.ravel().tolist(),
             numHeightfieldRows=TILE + 1,
             numHeightfieldColumns=TILE + 1,
-            physicsClientId=self._world,
             **options,
         )
         return number
 
     def _make_rock(self, rock: Rock) -> int:
         """An upright cylinder that does not move, seen by cameras and felt by feet."""
-        size, height = {"radius": rock.radius, "physicsClientId": self._world}, rock.height + ROOTS
-        shape = pybullet.createCollisionShape(pybullet.GEOM_CYLINDER, height=height, **size)
-        look = pybullet.createVisualShape(pybullet.GEOM_CYLINDER, length=height, rgbaColor=STONE, **size)
+        height = rock.height + ROOTS
+        shape = self._engine.createCollisionShape(pybullet.GEOM_CYLINDER, radius=rock.radius, height=height)
+        look = self._engine.createVisualShape(
+            pybullet.GEOM_CYLINDER, radius=rock.radius, length=height, rgbaColor=STONE
+        )
         place = rock.x, rock.y, self._terrain.top(rock) - height / 2
-        body: int = pybullet.createMultiBody(0, shape, look, basePosition=place, physicsClientId=self._world)
+        body: int = self._engine.createMultiBody(0, shape, look, basePosition=place)
         group = 1 if rock.seen else UNSEEN
-        pybullet.setCollisionFilterGroupMask(body, -1, group, -1, physicsClientId=self._world)
+        self._engine.setCollisionFilterGroupMask(body, -1, group, -1)
         return body

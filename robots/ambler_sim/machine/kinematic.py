@@ -10,12 +10,23 @@ from pathlib import Path
 
 import numpy as np
 
-from robots.ambler_sim.geometry import AMBLER, SHAFT_Y, SHOULDER_Z, Array, feet_of, posture_pose, to_body, to_world
+from robots.ambler_sim.geometry import (
+    AMBLER,
+    SHAFT_Y,
+    SHOULDER_Z,
+    Array,
+    feet_of,
+    posture_pose,
+    stance_of,
+    to_body,
+    to_world,
+    turn_between,
+)
 from robots.ambler_sim.machine.plant import Attitude
 from robots.ambler_sim.machine.terrain import STANDS_ON, Terrain
 from robots.ambler_sim.pictures.drawing import draw
 from robots.ambler_sim.planning.stability import WEIGHT, centre_of_gravity
-from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Rock, Stance
+from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Rock
 
 RAY_STEP = 0.25
 LEAST_FEET = 3
@@ -104,10 +115,7 @@ class KinematicPlant:
 
     def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:  # noqa: ARG002
         """A drawing from the side and from above, as SVG, which has any size."""
-        feet = to_world(self._pose, feet_of(self._joints))
-        stance = Stance(
-            self._pose, tuple(Foot(leg, float(x), float(y), float(z)) for leg, (x, y, z) in enumerate(feet))
-        )
+        stance = stance_of(self._pose, self._joints)
         written = path.with_suffix(".svg")
         written.write_text(draw(stance, self._terrain, trail), encoding="utf-8")
         return written
@@ -121,8 +129,7 @@ class KinematicPlant:
         if firm.sum() < LEAST_FEET:
             return
         body, world = feet[firm, :2], self._anchors[firm]
-        b, w = body - body.mean(axis=0), world - world.mean(axis=0)
-        heading = math.atan2(float((b[:, 0] * w[:, 1] - b[:, 1] * w[:, 0]).sum()), float((b * w).sum()))
+        heading = turn_between(body, world)
         cos, sin = math.cos(heading), math.sin(heading)
         x, y = world.mean(axis=0) - np.array([[cos, -sin], [sin, cos]]) @ body.mean(axis=0)
         turned = self._pose.heading + math.remainder(heading - self._pose.heading, math.tau)

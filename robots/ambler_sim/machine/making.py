@@ -10,7 +10,7 @@ from robots.ambler_sim.machine.graphical import GraphicalPlant
 from robots.ambler_sim.machine.kinematic import KinematicPlant
 from robots.ambler_sim.machine.plant import Plant, standing_posture
 from robots.ambler_sim.machine.robot import Robot
-from robots.ambler_sim.machine.terrain import Terrain, make_terrain
+from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.vocabulary import Pose, Posture, Snapshot, TerrainSpec
 
 Backend = Literal["auto", "pybullet", "kinematic", "graphical"]
@@ -33,7 +33,7 @@ def make_robot(
     "auto" takes the backend of *state* if that can be had, else PyBullet if it is installed, else the kinematic one.
     With *window* physics is shown in one.
     """
-    ground = make_terrain(state.terrain if state else terrain or TerrainSpec())
+    ground = Terrain(state.terrain if state else terrain or TerrainSpec())
     posture = state.posture if state else standing_posture(ground, start)
     plant = _make_plant(_chosen(backend, state), ground, posture, window=window)
     return Robot(plant, ground, pace=pace, state=state)

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
-from robots.ambler_sim.geometry import Array, feet_of
+from robots.ambler_sim.geometry import Array, feet_of, turn_between
 from robots.ambler_sim.vocabulary import Pose
+from robots.plane import placed
 
 COMPASS_NOISE = math.radians(0.5)
 COMPASS_WEIGHT = 0.1
@@ -23,19 +24,13 @@ class Odometry:
         """The pose now, by how the standing feet have moved relative to the body since the last fix."""
         standing = [leg for leg in range(len(joints)) if leg not in airborne]
         then, now = self._feet[standing], feet_of(joints)[standing]
-        a, b = now[:, :2] - now[:, :2].mean(axis=0), then[:, :2] - then[:, :2].mean(axis=0)
-        turn = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
+        turn = turn_between(now[:, :2], then[:, :2])
         cos, sin = math.cos(turn), math.sin(turn)
         # The way of the body, in its own frame at the last fix.
         way = then[:, :2].mean(axis=0) - np.array([[cos, -sin], [sin, cos]]) @ now[:, :2].mean(axis=0)
         rise = float((then[:, 2] - now[:, 2]).mean())
-        cos, sin = math.cos(self._pose.heading), math.sin(self._pose.heading)
-        return Pose(
-            self._pose.x + float(cos * way[0] - sin * way[1]),
-            self._pose.y + float(sin * way[0] + cos * way[1]),
-            self._pose.heading + turn,
-            self._pose.height + rise,
-        )
+        dx, dy = placed(0.0, 0.0, self._pose.heading, float(way[0]), float(way[1]))
+        return Pose(self._pose.x + dx, self._pose.y + dy, self._pose.heading + turn, self._pose.height + rise)
 
     def fix(self, joints: Array, airborne: set[int], compass: float | None = None) -> None:
         """Go on from the present estimate, corrected by what the *compass* says."""

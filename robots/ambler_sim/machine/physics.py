@@ -1,87 +1,26 @@
 """The Ambler in PyBullet: rigid-body dynamics, motors, compliant feet."""
 
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pybullet
 
-from robots.ambler_sim.geometry import AMBLER, GRAVITY, Array, unwrap
+from robots.ambler_sim.geometry import AMBLER, Array, unwrap
 from robots.ambler_sim.machine.ground_bodies import UNSEEN, GroundBodies
 from robots.ambler_sim.machine.plant import Attitude, rotation_matrix
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.machine.urdf import EFFORT, ambler_urdf
 from robots.ambler_sim.pictures import photograph
 from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Rock
+from robots.engine import BulletWorld
+from robots.rendering import SIZE, write_png
 
 # 1/240 s brings nothing but cost; with 10 iterations the feet creep twice as much, 50 gain nothing.
 TICK = 0.01
 ITERATIONS = 20
 POSITION_GAIN, VELOCITY_GAIN = 0.1, 1.0
 JOINTS_PER_LEG = ("shoulder", "extension", "vertical")
-
-
-class BulletWorld:
-    """A physics world of its own, with a robot in it."""
-
-    _robot: int
-    _sun: tuple[float, float, float]
-    _ambient: float
-
-    def __init__(self, tick: float) -> None:
-        self._world = self.connect()
-        pybullet.setGravity(0, 0, -GRAVITY, physicsClientId=self._world)
-        pybullet.setPhysicsEngineParameter(fixedTimeStep=tick, physicsClientId=self._world)
-
-    def connect(self) -> int:
-        """A new physics world, which nobody sees."""
-        world: int = pybullet.connect(pybullet.DIRECT)
-        return world
-
-    def close(self) -> None:
-        """Leave the physics world."""
-        pybullet.disconnect(physicsClientId=self._world)
-
-    def _load(self, urdf: str, *, is_fixed: bool = False) -> int:
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder, "robot.urdf")
-            file.write_text(urdf, encoding="utf-8")
-            flags = pybullet.URDF_USE_INERTIA_FROM_FILE
-            robot: int = pybullet.loadURDF(str(file), useFixedBase=is_fixed, flags=flags, physicsClientId=self._world)
-        return robot
-
-    def _joint_numbers(self) -> dict[str, int]:
-        count = pybullet.getNumJoints(self._robot, physicsClientId=self._world)
-        infos = [pybullet.getJointInfo(self._robot, joint, physicsClientId=self._world) for joint in range(count)]
-        return {info[1].decode(): info[0] for info in infos}
-
-    def _frame(
-        self, camera: photograph.Camera, size: tuple[int, int], ground_bodies: Sequence[int]
-    ) -> photograph.Rendering:
-        """The image of a camera: colours, depths, and what is ground or an object on it."""
-        width, height = size
-        view = pybullet.computeViewMatrix(camera.eye, camera.target, (0, 0, 1))
-        lens = pybullet.computeProjectionMatrixFOV(camera.angle, width / height, camera.near, camera.far)
-        image = pybullet.getCameraImage(
-            width,
-            height,
-            view,
-            lens,
-            shadow=0,  # the engine's own shadows leave parts of large ground dark, and are too coarse
-            lightDirection=self._sun,
-            lightAmbientCoeff=self._ambient,
-            lightDiffuseCoeff=0.5,
-            lightSpecularCoeff=0.05,
-            renderer=pybullet.ER_TINY_RENDERER,
-            physicsClientId=self._world,
-        )
-        colours, depths, bodies = (np.array(part).reshape(height, width, -1) for part in image[2:])
-        looking = np.array(lens).reshape(4, 4).T @ np.array(view).reshape(4, 4).T
-        bodies = bodies[..., 0]
-        ground = np.isin(bodies, ground_bodies)
-        rgb = colours.astype(np.uint8)[..., :3]
-        return photograph.Rendering(rgb, depths[..., 0], ground, ~ground & (bodies >= 0), looking, camera)
 
 
 class BulletPlant(BulletWorld):
@@ -94,11 +33,11 @@ class BulletPlant(BulletWorld):
     def __init__(self, terrain: Terrain, posture: Posture) -> None:
         self._terrain = terrain
         super().__init__(TICK)
-        pybullet.setPhysicsEngineParameter(numSolverIterations=ITERATIONS, physicsClientId=self._world)
-        self._ground = GroundBodies(self._world, terrain)
+        self._engine.setPhysicsEngineParameter(numSolverIterations=ITERATIONS)
+        self._ground = GroundBodies(self._engine, terrain)
         self._ground.follow(posture.x, posture.y)
         self._robot = self._load(ambler_urdf())
-        self._centre = np.array(pybullet.getDynamicsInfo(self._robot, -1, physicsClientId=self._world)[3])
+        self._centre = np.array(self._engine.getDynamicsInfo(self._robot, -1)[3])
         names = self._joint_numbers()
         self._motors = [names[f"{joint}{leg}"] for leg in LEGS for joint in JOINTS_PER_LEG]
         self._feet = [names[f"foot{leg}"] for leg in LEGS]
@@ -112,7 +51,7 @@ class BulletPlant(BulletWorld):
         """Let the motors work towards *joints* for one tick; *rates* are fed forward so that they do not lag."""
         if self._terrain.has_soft_ground:
             self._sink()
-        pybullet.setJointMotorControlArray(
+        self._engine.setJointMotorControlArray(
             self._robot,
             self._motors,
             pybullet.POSITION_CONTROL,
@@ -121,13 +60,12 @@ class BulletPlant(BulletWorld):
             forces=self._efforts,
             positionGains=self._position_gains,
             velocityGains=self._velocity_gains,
-            physicsClientId=self._world,
         )
-        pybullet.stepSimulation(physicsClientId=self._world)
+        self._engine.stepSimulation()
 
     def joints(self) -> Array:
         """The joint values that the encoders measure."""
-        states = pybullet.getJointStates(self._robot, self._motors, physicsClientId=self._world)
+        states = self._engine.getJointStates(self._robot, self._motors)
         return np.array([state[0] for state in states]).reshape(len(LEGS), -1)
 
     def loads(self) -> Array:
@@ -142,14 +80,14 @@ class BulletPlant(BulletWorld):
     def bumps(self) -> Array:
         """From touch sensors on links and body; what rests on the ground are the feet."""
         bumps = np.zeros(len(LEGS) + 1)
-        for contact in pybullet.getContactPoints(bodyA=self._robot, physicsClientId=self._world):
+        for contact in self._engine.getContactPoints(bodyA=self._robot):
             if contact[3] not in self._feet:
                 bumps[self._leg_of_link.get(contact[3], -1)] += contact[9]
         return bumps
 
     def attitude(self) -> Attitude:
         """The true position of the body: as from a perfect inertial sensor."""
-        place, turn = pybullet.getBasePositionAndOrientation(self._robot, physicsClientId=self._world)
+        place, turn = self._engine.getBasePositionAndOrientation(self._robot)
         roll, pitch, heading = pybullet.getEulerFromQuaternion(turn)
         x, y, z = np.array(place) - rotation_matrix(roll, pitch, heading) @ self._centre
         self._heading = unwrap(heading, self._heading)
@@ -159,9 +97,7 @@ class BulletPlant(BulletWorld):
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
         """Ray casting; the scanner looks past the robot's own links."""
         ends = origin + limit * directions
-        hits = pybullet.rayTestBatch(
-            [origin.tolist()] * len(ends), ends.tolist(), collisionFilterMask=~UNSEEN, physicsClientId=self._world
-        )
+        hits = self._engine.rayTestBatch([origin.tolist()] * len(ends), ends.tolist(), collisionFilterMask=~UNSEEN)
         ground = self._ground.tiles
         return np.array([limit * hit[2] if hit[0] in ground else np.nan for hit in hits])
 
@@ -180,29 +116,27 @@ class BulletPlant(BulletWorld):
         pose = self.attitude().pose
         ground = list(self._ground.tiles)
         frame = self._frame(photograph.camera_for(pose), (2 * size[0], 2 * size[1]), ground)
-        shadows = photograph.SHADOW_SIZE * size[0] // photograph.SIZE[0]
+        shadows = photograph.SHADOW_SIZE * size[0] // SIZE[0]
         from_sun = self._frame(photograph.sun_over(pose), (shadows, shadows), ground)
         written = path.with_suffix(".png")
-        photograph.write_png(written, photograph.develop(frame, from_sun, self._terrain, trail))
+        write_png(written, photograph.develop(frame, from_sun, self._terrain, trail))
         return written
 
     def _sink(self) -> None:
         """Feet on soft ground stand on softer springs."""
-        states = pybullet.getLinkStates(self._robot, self._feet, physicsClientId=self._world)
+        states = self._engine.getLinkStates(self._robot, self._feet)
         x, y, _ = np.array([state[0] for state in states]).T
         firmness = self._terrain.softness_at(x, y)
         for leg in np.flatnonzero(firmness != self._firmness):
-            pybullet.changeDynamics(
+            self._engine.changeDynamics(
                 self._robot, self._feet[leg],
                 contactStiffness=AMBLER.foot_stiffness * firmness[leg],
-                contactDamping=AMBLER.foot_damping * firmness[leg],
-                physicsClientId=self._world,
-            )  # fmt: skip
+                contactDamping=AMBLER.foot_damping * firmness[leg])  # fmt: skip
         self._firmness = firmness
 
     def _forces(self) -> Array:
         """The forces on the six-axis sensors over the feet, (6, 3); a hanging foot pulls."""
-        states = pybullet.getJointStates(self._robot, self._feet, physicsClientId=self._world)
+        states = self._engine.getJointStates(self._robot, self._feet)
         return np.array([state[2][:3] for state in states])
 
     def _prepare_joints(self) -> None:
@@ -213,13 +147,11 @@ class BulletPlant(BulletWorld):
         self._position_gains = [POSITION_GAIN] * len(self._motors)
         self._velocity_gains = [VELOCITY_GAIN] * len(self._motors)
         for link in (-1, *self._motors, *self._feet):
-            pybullet.changeDynamics(
-                self._robot, link, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=self._world
-            )
+            self._engine.changeDynamics(self._robot, link, linearDamping=0, angularDamping=0, jointDamping=0)
         for link in (-1, *self._motors):
-            pybullet.setCollisionFilterGroupMask(self._robot, link, UNSEEN, -1, physicsClientId=self._world)
+            self._engine.setCollisionFilterGroupMask(self._robot, link, UNSEEN, -1)
         for foot in self._feet:
-            pybullet.enableJointForceTorqueSensor(self._robot, foot, physicsClientId=self._world)
+            self._engine.enableJointForceTorqueSensor(self._robot, foot)
 
     def _assume(self, posture: Posture) -> None:
         """Put the body and all joints where *posture* says, at rest."""
@@ -227,7 +159,7 @@ class BulletPlant(BulletWorld):
         turn = rotation_matrix(posture.roll, posture.pitch, posture.heading)
         place = np.array([posture.x, posture.y, posture.z]) + turn @ self._centre
         quaternion = pybullet.getQuaternionFromEuler((posture.roll, posture.pitch, posture.heading))
-        pybullet.resetBasePositionAndOrientation(self._robot, place.tolist(), quaternion, physicsClientId=self._world)
+        self._engine.resetBasePositionAndOrientation(self._robot, place.tolist(), quaternion)
         for motor, position in zip(self._motors, joints.ravel().tolist(), strict=True):
-            pybullet.resetJointState(self._robot, motor, position, physicsClientId=self._world)
+            self._engine.resetJointState(self._robot, motor, position)
         self.drive(joints, np.zeros_like(joints))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from robots.ambler_sim.errors import AmplifierTripped, JointFault, TerrainContact, Tilting
-from robots.ambler_sim.geometry import AMBLER, Array, feet_of, joints_of, to_body, to_world
+from robots.ambler_sim.geometry import AMBLER, Array, feet_of, joints_of, stance_of, to_body, to_world
 from robots.ambler_sim.machine import motion, scanner
 from robots.ambler_sim.machine.faults import FaultyPlant
 from robots.ambler_sim.machine.motion import ROTATING, blend, ease, expected_seconds, leg_segments
@@ -16,7 +16,6 @@ from robots.ambler_sim.machine.pacing import MoveWatch, OnTick, Pacer
 from robots.ambler_sim.machine.plant import Plant, make_posture
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.pictures.drawing import draw
-from robots.ambler_sim.pictures.photograph import SIZE
 from robots.ambler_sim.planning.body import require_reach
 from robots.ambler_sim.planning.stability import least_norm_loads, support_margin
 from robots.ambler_sim.vocabulary import (
@@ -25,7 +24,6 @@ from robots.ambler_sim.vocabulary import (
     BodyMove,
     Contact,
     Fault,
-    Foot,
     Footfall,
     Footstep,
     LegMove,
@@ -34,6 +32,7 @@ from robots.ambler_sim.vocabulary import (
     Snapshot,
     Stance,
 )
+from robots.rendering import SIZE
 
 SETTLE_SECONDS = 0.5
 STOP_SECONDS = 0.3
@@ -73,7 +72,8 @@ class Robot:
     def __init__(self, plant: Plant, terrain: Terrain, *, pace: float = 0.0, state: Snapshot | None = None) -> None:
         self.terrain = terrain
         self.backend = plant.name
-        self._plant = FaultyPlant(plant, state.faults, state.armed) if state else FaultyPlant(plant)
+        self._plant = plant
+        self._machine = FaultyPlant(plant, state.faults, state.armed) if state else FaultyPlant(plant)
         self.pacer = Pacer(pace)
         self.time = state.time if state else 0.0
         """Simulated seconds since the walk began, over all processes that took part in it."""
@@ -102,38 +102,36 @@ class Robot:
         return self._stance_at(self._plant.attitude().pose)
 
     def _pose(self) -> Pose:
-        return self._odometry.estimate(self._plant.joints(), self._airborne)
+        return self._odometry.estimate(self._machine.joints(), self._airborne)
 
     def _stance_at(self, pose: Pose) -> Stance:
-        world = to_world(pose, feet_of(self._plant.joints()))
-        feet = tuple(Foot(leg, float(x), float(y), float(z)) for leg, (x, y, z) in enumerate(world))
-        return Stance(pose, feet, self._last_leg)
+        return stance_of(pose, self._machine.joints(), self._last_leg)
 
     def readings(self) -> Readings:
         """Inclinometers and foot force sensors."""
         attitude = self._plant.attitude()
-        loads = tuple(float(load) for load in self._plant.loads())
+        loads = tuple(float(load) for load in self._machine.loads())
         return Readings(
-            self.time, attitude.roll, attitude.pitch, loads, self._plant.amplifiers(), self._plant.encoder_offsets()
+            self.time, attitude.roll, attitude.pitch, loads, self._machine.amplifiers(), self._machine.encoder_offsets()
         )
 
     # --- faults and their mending ------------------------------------------------------------------------------------
 
     def inject(self, fault: Fault) -> None:
         """Something goes wrong as soon as it can."""
-        self._plant.arm(fault)
+        self._machine.arm(fault)
 
     def begun_faults(self) -> list[Fault]:
         """Those that have begun since this was asked before."""
-        return self._plant.take_begun()
+        return self._machine.take_begun()
 
     def reset(self, leg: int, *, operator: bool = False) -> bool:
         """Switch the amplifier of a leg on again; False if only an operator can."""
-        return self._plant.clear(leg, "amplifier trip", operator=operator)
+        return self._machine.clear(leg, "amplifier trip", operator=operator)
 
     def free_joint(self, leg: int, *, operator: bool = False) -> bool:
         """Move the joints of a leg to and fro until they are free; False if only an operator can."""
-        is_free = self._plant.clear(leg, "stuck joint", "motion fault", operator=operator)
+        is_free = self._machine.clear(leg, "stuck joint", "motion fault", operator=operator)
         self._rebase()
         if is_free and leg in self._airborne:
             self._lower(leg, MoveWatch(1.0, None))
@@ -143,7 +141,7 @@ class Robot:
 
     def calibrate(self, leg: int) -> None:
         """Set the relative encoder of a leg by the absolute one, and its force sensor to zero."""
-        self._plant.clear(leg, "encoder drift", "force sensor")
+        self._machine.clear(leg, "encoder drift", "force sensor")
         self._rebase()
 
     def level(self) -> None:
@@ -169,7 +167,7 @@ class Robot:
         self._require_amplifiers()
         self._rebase()
         segments = leg_segments(move, self._pose(), self._command[move.leg])
-        self._plant.before_swing(move.leg, segments[ROTATING], self.terrain)
+        self._machine.before_swing(move.leg, segments[ROTATING], self.terrain)
         watch = MoveWatch(expected_seconds(segments), on_tick)
         self._airborne.add(move.leg)
         contact = self._swing_over(move.leg, segments, watch)
@@ -212,7 +210,7 @@ class Robot:
         self._begin_faults()
         self.footsteps += 1
         heading = compass(self._plant.attitude().pose.heading, self.terrain.spec.seed, self.footsteps)
-        self._odometry.fix(self._plant.joints(), self._airborne, heading)
+        self._odometry.fix(self._machine.joints(), self._airborne, heading)
         if contact is not None:
             raise TerrainContact(contact)
         if watch.tilt:
@@ -224,8 +222,9 @@ class Robot:
         while the body moves they are blurred as if it did.
         """
         self._scans += 1
-        points = scanner.scan(self._plant, (self.terrain.spec.seed, self._scans), self._velocity)
-        return to_world(self._pose(), to_body(self._plant.attitude().pose, points))
+        attitude, seed = self._plant.attitude(), (self.terrain.spec.seed, self._scans)
+        points = scanner.scan(self._machine.cast, attitude, seed, self._velocity)
+        return to_world(self._pose(), to_body(attitude.pose, points))
 
     def footstep(self) -> Footstep:
         """The record of the footstep that has just been made: what the robot believes, and what is true."""
@@ -251,14 +250,14 @@ class Robot:
             backend=self.backend,
             terrain=self.terrain.present,
             time=self.time,
-            posture=make_posture(self._plant.attitude(), self._plant.joints()),
+            posture=make_posture(self._plant.attitude(), self._machine.joints()),
             pose=self._pose(),
             last_leg=self._last_leg,
             scans=self._scans,
             footsteps=self.footsteps,
             trail=tuple(self._trail),
-            faults=tuple(self._plant.faults),
-            armed=tuple(self._plant.armed),
+            faults=tuple(self._machine.faults),
+            armed=tuple(self._machine.armed),
         )
 
     def close(self) -> None:
@@ -267,7 +266,7 @@ class Robot:
 
     def _rebase(self) -> None:
         """Command what is measured, so that old position errors do not become forces; start the clock of this move."""
-        self._command = self._plant.joints()
+        self._command = self._machine.joints()
         self._odometry.fix(self._command, self._airborne)
         self.pacer.restart()
 
@@ -302,18 +301,18 @@ class Robot:
 
     def _begin_faults(self) -> None:
         """A move is over: what was to go wrong after it does."""
-        if self._plant.after_move():
+        if self._machine.after_move():
             self._settle()
 
     def _require_amplifiers(self) -> None:
         """Raise AmplifierTripped, before anything moves, if the amplifier of a leg is off."""
-        for leg, is_on in enumerate(self._plant.amplifiers()):
+        for leg, is_on in enumerate(self._machine.amplifiers()):
             if not is_on:
                 raise AmplifierTripped(leg)
 
     def _require_following(self, *legs: int, most: float) -> None:
         """Raise JointFault, standing on the other legs, if one is further behind its command than *most*."""
-        behind = np.abs(self._command - self._plant.joints()).max(axis=1)
+        behind = np.abs(self._command - self._machine.joints()).max(axis=1)
         leg = max(legs, key=lambda each: behind[each])
         if behind[leg] > most:
             self._rebase()
@@ -321,14 +320,13 @@ class Robot:
             raise JointFault(leg, float(behind[leg]))
 
     def _feels_something(self, leg: int) -> bool:
-        plant = self._plant
-        felt = max(plant.pushes()[leg], plant.bumps()[leg])
-        return bool(felt > motion.CONTACT_FORCE or plant.loads()[leg] > motion.TOUCH_LOAD)
+        felt = max(self._plant.pushes()[leg], self._plant.bumps()[leg])
+        return bool(felt > motion.CONTACT_FORCE or self._machine.loads()[leg] > motion.TOUCH_LOAD)
 
     def _contact(self, leg: int, segment: motion.Segment, share: float) -> Contact:
         pose = self._pose()
         foot = self._stance_at(pose).feet[leg]
-        force = math.hypot(self._plant.pushes()[leg], self._plant.bumps()[leg], self._plant.loads()[leg])
+        force = math.hypot(self._plant.pushes()[leg], self._plant.bumps()[leg], self._machine.loads()[leg])
         before, after = to_world(pose, feet_of(np.array([segment.at(share - 0.02), segment.at(share)]), [leg, leg]))
         way = math.dist(after[:2], before[:2])
         dx, dy = (after - before)[:2] / way if way > LEAST_WAY else (0.0, 0.0)
@@ -356,21 +354,21 @@ class Robot:
 
     def _hangs(self, leg: int) -> bool:
         """Whether a foot bears nothing; of a sensor that says nothing that is not known."""
-        return bool(self._plant.loads()[leg] < motion.HANGING_LOAD)
+        return bool(self._machine.loads()[leg] < motion.HANGING_LOAD)
 
     def _lower(self, leg: int, watch: MoveWatch) -> None:
         """The guarded move: slowly down until the force sensor feels the ground, however far that is: a leg that hangs
         is a leg that others believe to stand.
         """
-        self._odometry.fix(self._plant.joints(), self._airborne)
+        self._odometry.fix(self._machine.joints(), self._airborne)
         self._airborne.add(leg)
         deepest = AMBLER.max_drop
-        while self._plant.loads()[leg] < motion.TOUCH_LOAD and self._command[leg, 2] < deepest:
+        while self._machine.loads()[leg] < motion.TOUCH_LOAD and self._command[leg, 2] < deepest:
             joints = self._command.copy()
             joints[leg, 2] += self._plant.tick * (motion.HURRIED_SPEED if watch.tilt else motion.GUARDED_SPEED)
             self._drive(joints, watch)
         if self._command[leg, 2] < deepest:
-            self._odometry.fix(self._plant.joints(), self._airborne)
+            self._odometry.fix(self._machine.joints(), self._airborne)
             self._airborne.discard(leg)
 
     def _follow(self, pose: Pose, feet: Array, watch: MoveWatch | None) -> None:
@@ -379,7 +377,7 @@ class Robot:
     def _drive(self, joints: Array, watch: MoveWatch | None = None) -> None:
         """One tick of everything."""
         tick = self._plant.tick
-        self._plant.drive(joints, (joints - self._command) / tick)
+        self._machine.drive(joints, (joints - self._command) / tick)
         self._command = joints
         self.time += tick
         attitude = self._plant.attitude()
@@ -405,7 +403,7 @@ class Robot:
 
         Six stiff legs on the ground are a table that wobbles: without this it would stand on two or three of them.
         """
-        tick, loads, attitude = self._plant.tick, self._plant.loads(), self._plant.attitude()
+        tick, loads, attitude = self._plant.tick, self._machine.loads(), self._plant.attitude()
         standing = [leg for leg in LEGS if leg not in self._airborne and math.isfinite(loads[leg])]
         feet, loads = feet_of(self._command)[standing], loads[standing]
         lacking = least_norm_loads(feet, loads) - loads
@@ -421,4 +419,4 @@ class Robot:
         self._trail.append(self.true_stance().feet[leg])
         if reached:
             self._last_leg = leg
-        return Footfall(foot, float(self._plant.loads()[leg]), reached)
+        return Footfall(foot, float(self._machine.loads()[leg]), reached)

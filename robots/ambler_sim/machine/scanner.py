@@ -1,9 +1,11 @@
 """The laser range scanner on the mast: which way its rays go, and how noisy their ranges are."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from robots.ambler_sim.geometry import Array
-from robots.ambler_sim.machine.plant import Plant, rotation_matrix
+from robots.ambler_sim.machine.plant import Attitude, rotation_matrix
 
 MOUNT = np.array([0.9, 0.0, 2.6])
 """In the body frame: in front of the bridge, above the equipment boxes."""
@@ -18,16 +20,17 @@ _NEAREST, _FARTHEST = np.radians(-78.0), np.radians(-24.0)
 _SIDEWAYS = np.radians(85.0)
 
 
-def scan(plant: Plant, seed: tuple[int, int], velocity: Array) -> Array:
+def scan(
+    cast: Callable[[Array, Array, float], Array], attitude: Attitude, seed: tuple[int, int], velocity: Array
+) -> Array:
     """World points (n, 3) where the rays met the ground, as if all had gone out at once; the same *seed* gives the same
     noise. While the body moves (*velocity*, m/s) the image is blurred: a sweep takes SWEEP seconds, row by row.
     """
-    attitude = plant.attitude()
     turn = rotation_matrix(attitude.roll, attitude.pitch, attitude.pose.heading)
     position = np.array([attitude.pose.x, attitude.pose.y, attitude.pose.height])
     origin = position + turn @ MOUNT
     directions = ray_directions() @ turn.T
-    distances = plant.cast(origin, directions, RANGE)
+    distances = cast(origin, directions, RANGE)
     distances = distances + np.random.default_rng(seed).normal(0.0, NOISE, len(distances))
     hit = np.isfinite(distances)
     late = np.repeat(np.linspace(0.0, SWEEP, ROWS), COLUMNS)[hit, None]

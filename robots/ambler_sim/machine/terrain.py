@@ -160,11 +160,6 @@ class Terrain:
         return True
 
 
-def make_terrain(spec: TerrainSpec) -> Terrain:
-    """The ground as *spec* has it."""
-    return Terrain(spec)
-
-
 def scattered_rocks(seed: int, count: int, metres: float, height: tuple[float, float]) -> tuple[Rock, ...]:
     """*count* rocks where legs swing: one in each of as many equal parts of a straight path of *metres*, left and right
     in turn. Their heights are within these bounds.

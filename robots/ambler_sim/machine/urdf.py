@@ -2,7 +2,7 @@
 
 from robots.ambler_sim.geometry import AMBLER, SHAFT_Y, SHOULDER_Z
 from robots.ambler_sim.vocabulary import LEGS
-from robots.urdf import Triple, box, collision, cylinder, inertia_of, joint, link, materials
+from robots.urdf import Triple, box, collision, cylinder, joint, link, robot, solid_box
 
 EFFORT = {"shoulder": 3e4, "extension": 2e4, "vertical": 4e4}
 """The strongest torque (Nm) or force (N) of each joint's motor."""
@@ -19,23 +19,20 @@ COLOURS = {
 
 def ambler_urdf() -> str:
     """The whole robot. Joints are named shoulder0, extension0, vertical0, foot0, shoulder1 and so on."""
-    legs = "".join(_leg(leg) for leg in LEGS)
-    return f'<?xml version="1.0"?>\n<robot name="ambler">{materials(COLOURS)}{_body()}{legs}</robot>\n'
+    return robot("ambler", COLOURS, [_body(), *map(_leg, LEGS)])
 
 
 def _body() -> str:
     """Two shafts with equipment boxes on top, a bridge between them and the scanner on its mast in front."""
-    looks = [
-        part
-        for y in (AMBLER.shaft_offset, -AMBLER.shaft_offset)
-        for part in (
+    looks = []
+    for y in (AMBLER.shaft_offset, -AMBLER.shaft_offset):
+        looks += [
             cylinder((0, y, 0.45), 0.17, 1.7, "bright"),
             box((0, y, 1.40), (0.95, 0.80, 0.24), "dark"),
             box((-0.12, y, 1.86), (0.70, 0.72, 0.68), "box"),
             box((-0.12, y, 2.22), (0.74, 0.76, 0.05), "blue"),
             cylinder((0, y, -0.44), 0.22, 0.10, "dark"),
-        )
-    ]
+        ]
     looks += [
         box((0.22, 0, 1.50), (0.26, 2.0, 0.16), "aluminium"),
         box((-0.22, 0, 1.50), (0.26, 2.0, 0.16), "aluminium"),
@@ -44,40 +41,35 @@ def _body() -> str:
         box((0.80, 0, 2.52), (0.34, 0.56, 0.30), "orange"),
         box((0.98, 0, 2.52), (0.03, 0.40, 0.18), "dark"),
     ]
-    inertia = inertia_of(AMBLER.body_mass, (0, 0, AMBLER.body_mass_height), (0.9, 2.7, 1.6))
-    width = 2 * AMBLER.shaft_offset + AMBLER.body_length / 2
-    height, belly = 2.7, AMBLER.belly
-    solid = collision((0, 0, height / 2 - belly), f'<box size="{AMBLER.body_length} {width} {height}"/>')
-    return link("body", inertia, looks, solid)
+    width, height = 2 * AMBLER.shaft_offset + AMBLER.body_length / 2, 2.7
+    solid = solid_box((0, 0, height / 2 - AMBLER.belly), (AMBLER.body_length, width, height))
+    return link("body", AMBLER.body_mass, (0.9, 2.7, 1.6), looks, solid, centre=(0, 0, AMBLER.body_mass_height))
 
 
 def _leg(leg: int) -> str:
     """Shoulder beam, sliding extension, vertical link and foot: each part the child of the one before."""
     parts, reach, length, width = AMBLER, AMBLER.min_reach, AMBLER.link_length, AMBLER.beam_width
     shoulder = link(
-        f"shoulder{leg}_link",
-        inertia_of(parts.shoulder_mass, (reach / 2, 0, 0), (reach, 0.3, 0.25)),
+        f"shoulder{leg}_link", parts.shoulder_mass, (reach, 0.3, 0.25),
         [cylinder((0, 0, 0), 0.27, 0.30, "dark"), box((reach / 2, 0, 0), (reach, 0.26, 0.24), "aluminium")],
-        collision((reach / 2, 0, 0), f'<box size="{reach} {width} {width}"/>'),
-    )
+        solid_box((reach / 2, 0, 0), (reach, width, width)), centre=(reach / 2, 0, 0),
+    )  # fmt: skip
     extension = link(
-        f"extension{leg}_link",
-        inertia_of(parts.extension_mass, (-parts.beam_length / 2, 0, 0), (parts.beam_length, 0.2, 0.15)),
+        f"extension{leg}_link", parts.extension_mass, (parts.beam_length, 0.2, 0.15),
         [box((-reach / 2, 0, 0), (reach + 0.2, 0.17, 0.15), "bright"), box((0, 0, 0), (0.28, 0.28, 0.42), "blue")],
-        collision((-reach / 2, 0, 0), f'<box size="{reach} {width} {width}"/>'),
-    )
+        solid_box((-reach / 2, 0, 0), (reach, width, width)), centre=(-parts.beam_length / 2, 0, 0),
+    )  # fmt: skip
+    middle = (0, 0, length / 2 + 0.1)
     vertical = link(
-        f"vertical{leg}_link",
-        inertia_of(parts.vertical_mass, (0, 0, length / 2), (0.15, 0.15, length)),
-        [cylinder((0, 0, length / 2 + 0.1), 0.075, length - 0.2, "bright")],
-        collision((0, 0, length / 2 + 0.1), f'<cylinder radius="0.075" length="{length - 0.2}"/>'),
-    )
+        f"vertical{leg}_link", parts.vertical_mass, (0.15, 0.15, length),
+        [cylinder(middle, 0.075, length - 0.2, "bright")],
+        collision(middle, f'<cylinder radius="0.075" length="{length - 0.2}"/>'), centre=(0, 0, length / 2),
+    )  # fmt: skip
     foot = link(
-        f"foot{leg}_link",
-        inertia_of(parts.foot_mass, (0, 0, 0), (0.3, 0.3, 0.1)),
+        f"foot{leg}_link", parts.foot_mass, (0.3, 0.3, 0.1),
         [cylinder((0, 0, -0.02), 0.26, 0.10, "dark"), cylinder((0, 0, 0.08), 0.12, 0.14, "orange")],
         _springs() + collision((0, 0, 0), f'<sphere radius="{parts.foot_radius}"/>'),
-    )
+    )  # fmt: skip
     return shoulder + extension + vertical + foot + _joints(leg)
 
 

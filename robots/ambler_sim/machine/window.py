@@ -9,6 +9,7 @@ from robots.ambler_sim.machine.physics import BulletPlant
 from robots.ambler_sim.machine.plant import Attitude
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.vocabulary import Pose, Posture
+from robots.engine import Engine
 
 OPTIONS = (
     "--width=1200 --height=800 --background_color_red=0.78 --background_color_green=0.85 --background_color_blue=0.92"
@@ -27,12 +28,11 @@ class BulletWindow(BulletPlant):
         self._looked_at = 0.0
         super().__init__(terrain, posture)
         for panel in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_MOUSE_PICKING):
-            pybullet.configureDebugVisualizer(panel, 0, physicsClientId=self._world)
+            self._engine.configureDebugVisualizer(panel, 0)
 
-    def connect(self) -> int:
+    def connect(self, tick: float) -> Engine:
         """A physics world in a window; it is drawn by a thread of the engine's own."""
-        world: int = pybullet.connect(pybullet.GUI, options=OPTIONS)
-        return world
+        return Engine(pybullet.GUI, tick, options=OPTIONS)
 
     def attitude(self) -> Attitude:
         """Position and inclination of the body; the camera goes there."""
@@ -45,6 +45,4 @@ class BulletWindow(BulletPlant):
     def _look_at(self, pose: Pose) -> None:
         """The engine's yaw is that of a camera that looks along y."""
         yaw = math.degrees(pose.heading) + 90 + SIDEWAYS
-        pybullet.resetDebugVisualizerCamera(
-            DISTANCE, yaw, DOWN, (pose.x, pose.y, pose.height - 0.8), physicsClientId=self._world
-        )
+        self._engine.resetDebugVisualizerCamera(DISTANCE, yaw, DOWN, (pose.x, pose.y, pose.height - 0.8))

@@ -204,14 +204,11 @@ def failure_of(error: AmblerError) -> FailureRaised:
             return MOTION_FAULT("body", str(error))
 
 
-def main() -> None:
-    """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim.modules.controller", description=__doc__)
-    parser.add_argument("--state", type=Path, help="file to save the robot in, and to go on from")
-    parser.add_argument("--record", type=Path, help="file for a line for each footstep: what is believed, what is true")
-    parser.add_argument("--film", nargs=2, metavar=("FOLDER", "FIRST"), help="photographs of moves, from a footstep on")
+def robot_options() -> argparse.ArgumentParser:
+    """What can be said of the simulated robot and its ground."""
+    parser = argparse.ArgumentParser(add_help=False)
     parser.add_argument("--backend", choices=BACKENDS, default="auto")
-    parser.add_argument("--gui", action="store_true", help="show physics in a window")
+    parser.add_argument("--gui", action="store_true", help="show physics in PyBullet's own window")
     parser.add_argument("--pace", type=float, default=0.0, help="times real time; 0 is as fast as possible")
     parser.add_argument("--seed", type=int, default=1, help="which hills")
     parser.add_argument("--slope", type=float, default=0.30, help="steepest rise per run of hills")
@@ -219,6 +216,16 @@ def main() -> None:
     parser.add_argument("--rock", nargs=4, type=float, action="append", default=[],
                         metavar=("X", "Y", "RADIUS", "HEIGHT"),
                         help="a rock that the scanner does not see; may be given several times")  # fmt: skip
+    return parser
+
+
+def main() -> None:
+    """The command line."""
+    name = "python -m robots.ambler_sim.modules.controller"
+    parser = argparse.ArgumentParser(prog=name, description=__doc__, parents=[robot_options()])
+    parser.add_argument("--state", type=Path, help="file to save the robot in, and to go on from")
+    parser.add_argument("--record", type=Path, help="file for a line for each footstep: what is believed, what is true")
+    parser.add_argument("--film", nargs=2, metavar=("FOLDER", "FIRST"), help="photographs of moves, from a footstep on")
     options = parser.parse_args()
     saved = load_snapshot(options.state) if options.state else None
     rocks = tuple(Rock(*rock) for rock in options.rock)

@@ -9,7 +9,6 @@ from random import Random
 
 from robots.ambler_sim.geometry import offset
 from robots.ambler_sim.messages import FAULT_BEGAN, FELT, INJECT, LOSE_PROGRAM, MOVE_LEG, STANCE
-from robots.ambler_sim.run.losing import CENTRAL
 from robots.ambler_sim.vocabulary import KINDS, LEGS, Fault, LegMove, Obstacle
 from tca_module import Command, Condition, Module, Task
 
@@ -26,6 +25,9 @@ PROGRAMS = (
     "scanner", "mapper", "footfall planner", "leg recovery planner", "body planner", "gait planner", "error recovery",
     "controller",
 )  # fmt: skip
+
+CENTRAL = "central"
+"""The program that only "lost central" loses."""
 
 MAKE_TROUBLE = Command("make trouble", LegMove)
 
@@ -95,6 +97,15 @@ def scheduled(texts: list[str]) -> dict[int, list[str]]:
     return schedule
 
 
+def fault_at(text: str) -> str:
+    """The type of an option that is a fault of a schedule."""
+    try:
+        scheduled([text])
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
+
+
 def kinds_of(text: str) -> tuple[str, ...]:
     """From "all" or a list with commas. Raises ValueError for a kind that there is not."""
     kinds = KINDS if text == "all" else tuple(filter(None, text.split(",")))
@@ -103,11 +114,20 @@ def kinds_of(text: str) -> tuple[str, ...]:
     return kinds
 
 
+def fault_options() -> argparse.ArgumentParser:
+    """What can be said of faults."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--faults", type=kinds_of, default=(), metavar="all|KIND,...",
+                        help=f"what goes wrong at random: {', '.join(KINDS)}")  # fmt: skip
+    parser.add_argument("--fault", type=fault_at, action="append", default=[], metavar="KIND@STEP",
+                        help="one fault with that leg move (1, 2, ...); may be repeated")  # fmt: skip
+    return parser
+
+
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim.modules.fault_injector", description=__doc__)
-    parser.add_argument("--faults", type=kinds_of, default=(), metavar="all|KIND,...", help="kinds that come at random")
-    parser.add_argument("--fault", action="append", default=[], metavar="KIND@STEP", help="one with that leg move")
+    name = "python -m robots.ambler_sim.modules.fault_injector"
+    parser = argparse.ArgumentParser(prog=name, description=__doc__, parents=[fault_options()])
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     make_module(options.faults, scheduled(options.fault), options.seed).run()

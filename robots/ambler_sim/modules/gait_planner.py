@@ -140,11 +140,19 @@ def position_reached(task: Task, reached: StepEnd) -> Pose:
     return stance.pose
 
 
+def mode_options() -> argparse.ArgumentParser:
+    """What can be said of planning."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--mode", choices=[mode.value for mode in Mode], default=Mode.CONCURRENT.value,
+                        help="how much goes on at once: nothing; planning one step ahead; perception, too")  # fmt: skip
+    return parser
+
+
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim.modules.gait_planner", description=__doc__)
-    parser.add_argument("--mode", type=Mode, choices=list(Mode), default=Mode.CONCURRENT)
-    memory.mode = parser.parse_args().mode
+    name = "python -m robots.ambler_sim.modules.gait_planner"
+    parser = argparse.ArgumentParser(prog=name, description=__doc__, parents=[mode_options()])
+    memory.mode = Mode(parser.parse_args().mode)
     planner.run()
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,12 +62,16 @@ def cut(ground: ElevationMap, window: Window) -> ElevationMap:
     row = round((window.x - window.reach - ground.x) / ground.resolution)
     column = round((window.y - window.reach - ground.y) / ground.resolution)
     heights, known = np.full((side, side), np.nan), np.zeros((side, side), dtype=bool)
-    rows, columns = np.arange(row, row + side), np.arange(column, column + side)
-    here = np.ix_((rows >= 0) & (rows < ground.rows), (columns >= 0) & (columns < ground.columns))
-    there = np.ix_(rows[here[0].ravel()], columns[here[1].ravel()])
+    here, there = overlap(ground, row + np.arange(side), column + np.arange(side))
     heights[here], known[here] = heights_of(ground)[there], known_cells(ground)[there]
     x, y = ground.x + row * ground.resolution, ground.y + column * ground.resolution
     return make_map(x, y, ground.resolution, heights, known)
+
+
+def overlap(ground: ElevationMap, rows: Cells, columns: Cells) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Of a grid whose cells have these rows and columns of a map: the cells that are on the map, here and there."""
+    on_rows, on_columns = (rows >= 0) & (rows < ground.rows), (columns >= 0) & (columns < ground.columns)
+    return np.ix_(on_rows, on_columns), np.ix_(rows[on_rows], columns[on_columns])
 
 
 def with_obstacles(ground: ElevationMap, obstacles: Iterable[Obstacle]) -> ElevationMap:

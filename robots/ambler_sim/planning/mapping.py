@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from robots.ambler_sim.geometry import Array, offset, positions
-from robots.ambler_sim.planning.elevation import Mask, heights_of, known_cells, make_map
+from robots.ambler_sim.planning.elevation import Mask, heights_of, known_cells, make_map, overlap
 from robots.ambler_sim.vocabulary import ElevationMap, Scan, Stance
 
 RESOLUTION = 0.1
@@ -64,8 +64,7 @@ def _take_over(heights: Array, x: float, y: float, previous: ElevationMap) -> No
     """Put what an earlier scan measured where this one saw nothing."""
     rows = round((x - previous.x) / RESOLUTION) + np.arange(heights.shape[0])
     columns = round((y - previous.y) / RESOLUTION) + np.arange(heights.shape[1])
-    here = np.ix_((rows >= 0) & (rows < previous.rows), (columns >= 0) & (columns < previous.columns))
-    there = np.ix_(rows[here[0][:, 0]], columns[here[1][0]])
+    here, there = overlap(previous, rows, columns)
     older = np.where(known_cells(previous)[there], heights_of(previous)[there], np.nan)
     heights[here] = np.where(np.isfinite(heights[here]), heights[here], older)
 

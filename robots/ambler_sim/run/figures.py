@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from robots.ambler_sim.messages import CALIBRATE, FAULT_BEGAN, MOVE_BODY, TRAVERSE_PATH
-from robots.ambler_sim.run.losing import CENTRAL
+from robots.ambler_sim.modules.fault_injector import CENTRAL
 from robots.ambler_sim.run.rules import FOOTFALL, PLANNED_AHEAD, RULES, STABILITY
 from robots.ambler_sim.vocabulary import Footstep, Pose
 from tca_tools.check.checked_run import CheckedRun

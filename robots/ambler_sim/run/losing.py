@@ -10,17 +10,14 @@ from collections.abc import Callable
 from typing import Self
 
 from robots.ambler_sim.messages import FAULT_BEGAN
+from robots.ambler_sim.modules.fault_injector import CENTRAL
 from robots.ambler_sim.modules.planners import PLANNERS
 from robots.ambler_sim.vocabulary import Fault
-from robots.processes import Processes
 from tca_module import Client, Task, connect
+from tca_tools.supervise.programs import START_TIME, Programs
 
-CENTRAL = "central"
 PATIENCE = 4.0
 """Seconds that all are given to come to rest, and then a planner to be asked, before a program is killed."""
-
-START_TIME = 60.0
-"""Seconds in which a program must be back."""
 
 _LOOK_AGAIN = 0.02  # seconds
 
@@ -31,8 +28,8 @@ class ProgramKiller:
     next question in hand.
     """
 
-    def __init__(self, processes: Processes, address: str) -> None:
-        self._processes = processes
+    def __init__(self, programs: Programs, address: str) -> None:
+        self._programs = programs
         self._address = address
         self._killer: threading.Thread | None = None
 
@@ -52,11 +49,11 @@ class ProgramKiller:
         self.end()
         _wait(lambda: is_quiet(task), PATIENCE)
         if name in PLANNERS:
-            self._processes.halt(name)
+            self._programs.halt(name)
             self._killer = threading.Thread(target=self._kill_when_asked, args=(name,))
             self._killer.start()
             return
-        process = self._processes.kill_and_restart(name)
+        process = self._programs.kill_and_restart(name)
         _wait(lambda: is_there(task, process) or name == CENTRAL, START_TIME)  # central, once it answers
         task.broadcast(FAULT_BEGAN, Fault("lost central" if name == CENTRAL else "lost module"))
 
@@ -65,7 +62,7 @@ class ProgramKiller:
             with connect("losses", self._address) as client:
                 _wait(lambda: planner in busy(client), PATIENCE)
         finally:  # also where central does not answer: else it would stand still for ever
-            process = self._processes.kill_and_restart(planner)
+            process = self._programs.kill_and_restart(planner)
         with connect("losses", self._address) as client:
             client.broadcast(FAULT_BEGAN, Fault("lost module"))
             _wait(lambda: is_there(client, process), START_TIME)

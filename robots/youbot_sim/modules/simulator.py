@@ -18,7 +18,7 @@ def main() -> None:
     )  # fmt: skip
     options = parser.parse_args()
     robot = make_robot(cast("Physics", options.backend))
-    lid = Lid(options.change, starts_covered=options.covered)
+    lid = Lid(tuple(options.change), starts_covered=options.covered)
     try:
         make_module(SimulatedRobot(robot, lid), has_steps=robot.name == "pybullet").run()
     finally:

@@ -13,7 +13,7 @@ import zmq
 from dev.benchmarks.messages.contestant import SOON, Contestant, body_of
 from dev.benchmarks.messages.own.bare import joined, registered
 from dev.benchmarks.messages.own.zeromq import Socket
-from dev.benchmarks.messages.processes import Children, address_in, resident_bytes
+from dev.benchmarks.messages.processes import address_in, resident_bytes
 from tca_module import Goal, Inform, Module, Query, Task, connect
 from tca_wire.constraints import Flags
 from tca_wire.packets import codec, headers
@@ -111,23 +111,25 @@ class Started(Contestant):
         return time.perf_counter() - begin
 
     def _central(self) -> float:
-        central, folder = Children(), self.folder / str(time.monotonic_ns())
+        folder = self.folder / str(time.monotonic_ns())
         folder.mkdir()
         begin = time.perf_counter()
-        central.central(folder, "--no-journal")
+        central = self.children.central(folder, "--no-journal")
         client = connect("bench", address_in(folder), SOON)
         took = time.perf_counter() - begin
         client.close()
-        central.stop()
+        self.children.end(central)
         return took
 
     def _module(self) -> float:
-        module, begin = Children(), time.perf_counter()
-        module.program(sys.executable, "-c", f"from {__name__} import serve; serve({str(self.folder)!r})")
+        begin = time.perf_counter()
+        module = self.children.program(
+            sys.executable, "-c", f"from {__name__} import serve; serve({str(self.folder)!r})"
+        )
         self.client.wait_until_handled(PING, timeout=SOON)
         self.client.query(PING, body_of(100))
         took = time.perf_counter() - begin
-        module.stop()
+        self.children.end(module)
         return took
 
 

@@ -1,0 +1,187 @@
+"""A walk: central, the Ambler's modules, its layers and the simulator, each a process; then the pictures of the run."""
+
+import argparse
+import pkgutil
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass, field
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TimeElapsedColumn
+
+from robots.ambler_sim import layers
+from robots.ambler_sim.machine.terrain import scattered_rocks
+from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
+from robots.ambler_sim.messages import Path as PathToWalk
+from robots.ambler_sim.modules import task_manager
+from robots.ambler_sim.modules.planners import PLANNERS
+from robots.ambler_sim.pictures.film import join_frames
+from robots.ambler_sim.recovery import GIVE_UP, is_attached
+from robots.ambler_sim.run.figures import Figures, Usage, figures_of
+from robots.ambler_sim.run.losing import ProgramKiller
+from robots.show import forwarded, history
+from tca_module import Module, TcaError
+from tca_module.sending.task_ref import SentTask
+from tca_tools.supervise.programs import START_TIME, Programs, central_in
+
+MODULES = ("scanner", "mapper", "gait planner")
+RECOVERY = "error recovery"
+
+LAYERS = tuple(sorted(each.name.replace("_", " ") for each in pkgutil.iter_modules(layers.__path__)))
+"""Programs that the others have never heard of: checks before and after moves, and what is done about failures."""
+
+ROCK_HEIGHTS = (0.6, 0.8)
+
+PICTURE_TIME = 300.0
+"""Seconds that the last picture may take: on a busy machine without a graphics card more than half a minute."""
+
+LOOK_PERIOD = 0.5
+"""Seconds between two looks at what the programs need."""
+
+ARC = 10.0
+"""Metres, about."""
+
+FRAMES = "frames"
+"""The folder of photographs, within the walk's."""
+
+console = Console(highlight=False)
+
+
+@dataclass
+class Walk:
+    """One run and where its files go."""
+
+    options: argparse.Namespace
+    folder: Path
+    outputs: list[tuple[str, Path]] = field(default_factory=list)
+    usage: Usage = field(default_factory=Usage)
+    walked: float = 0.0
+    wall: float = 0.0
+
+    def __post_init__(self) -> None:
+        columns = ("[bold]{task.description}", BarColumn(), "{task.completed:4.1f} of {task.total:.1f} m")
+        self._progress = Progress(*columns, TimeElapsedColumn(), console=console)
+
+    @property
+    def bends(self) -> tuple[Bend, ...]:
+        """The path: pieces of equal length, first straight, then gently left and right."""
+        arcs = self.options.arcs or max(2, round(self.options.metres / ARC))
+        curvatures = [0.0, 0.04, -0.04]
+        return tuple(Bend(curvatures[number % 3], self.options.metres / arcs) for number in range(arcs))
+
+    @property
+    def layers(self) -> list[str]:
+        """The reactive layers."""
+        return [] if self.options.bare else [name for name in LAYERS if name not in self.options.without]
+
+    def programs(self) -> Iterator[tuple[str, str, list[str]]]:
+        """The programs beside central, controller and task manager: name, Python module and arguments."""
+        for name in MODULES if self.options.bare else (*MODULES, RECOVERY):
+            yield name, f"modules.{name}", forwarded(self.options, "mode") if name == "gait planner" else []
+        for name in PLANNERS:
+            yield name, "modules.planners", [name]
+        for name in self.layers:
+            yield f"{name} layer", f"layers.{name}", []
+        if self.options.faults or self.options.fault:
+            kinds = ["--faults", ",".join(self.options.faults)] if self.options.faults else []
+            yield "fault injector", "modules.fault injector", [*kinds, *forwarded(self.options, "seed", "fault")]
+
+    def run(self) -> int:
+        """Walk, then draw; the exit code."""
+        with central_in(self.folder, is_fresh=False) as (address, programs):
+            for name, module, arguments in self.programs():
+                programs.start_module(name, f"robots.ambler_sim.{module.replace(' ', '_')}", *arguments)
+            self.start_controller(programs)
+            has_arrived = self.conduct(address, programs)
+        titles = {"tree.svg": "task tree", "gantt.svg": "Gantt chart"}
+        self.outputs += [(titles[path.name], path) for path in history(self.folder, _warn)]
+        self.outputs.append(("journal", self.folder / "journal"))
+        if self.options.film and join_frames(self.folder / FRAMES, self.options.film):
+            self.outputs.append(("film", self.options.film.resolve()))
+        return int(not has_arrived)
+
+    def start_controller(self, programs: Programs, number: int = 0) -> None:
+        """Start a controller; it takes the robot over from the one before, if there was one. With --swap-to, every
+        other one is of that kind.
+        """
+        options = argparse.Namespace(**vars(self.options))
+        if options.swap_to and number % 2:
+            options.backend = options.swap_to
+        scattered = scattered_rocks(options.seed, options.rocks, options.metres, ROCK_HEIGHTS)
+        options.rock = [*(list(astuple(rock)[:4]) for rock in scattered), *options.rock]
+        options.state, options.record = self.folder / "robot.json", self.folder / "footsteps.jsonl"
+        options.film = options.film and [[self.folder / FRAMES, options.film_from]]
+        given = "backend", "gui", "pace", "seed", "slope", "terrain", "rock", "state", "record", "film"
+        programs.start_module("controller", "robots.ambler_sim.modules.controller", *forwarded(options, *given))
+
+    def conduct(self, address: str, programs: Programs) -> bool:
+        """Be the task manager: send the goal and watch it being achieved; whether it was."""
+        with ProgramKiller(programs, address) as killer, self._progress:
+            self._bar = self._progress.add_task("walking", total=self.options.metres)
+            module = task_manager.make_module(self.show, lambda number: self.confirm(number, programs), killer.kill)
+            module.central = address
+            with module.running():
+                if not self.options.bare:
+                    programs.wait_until_handled(module, GIVE_UP, *map(is_attached, self.layers))
+                for layer in self.layers:
+                    module.query(is_attached(layer), timeout=START_TIME)
+                goal = module.goal(TRAVERSE_PATH, PathToWalk(self.bends, ask=bool(self.options.between_arcs)))
+                has_arrived = self.watch(goal, programs)
+                killer.end()
+                if has_arrived:
+                    self.photograph(module)
+        return has_arrived
+
+    def watch(self, goal: SentTask[None], programs: Programs) -> bool:
+        """Wait for the end of the walk; whether the robot has arrived."""
+        began = time.monotonic()
+        try:
+            for is_over in programs.looks(goal, LOOK_PERIOD):
+                if not is_over:
+                    self.usage.look(self.walked, programs.numbers())
+            goal.result()
+        except TcaError as error:
+            self._progress.console.print(f"the walk failed: {error}", style="red")
+            return False
+        finally:
+            self.wall = time.monotonic() - began
+        self._progress.update(self._bar, completed=self.options.metres)
+        return True
+
+    def photograph(self, module: Module) -> None:
+        """Have the robot drawn where it is now. A walk without a picture is a walk."""
+        try:
+            picture = module.query(PICTURE, str(self.folder / "robot.png"), timeout=PICTURE_TIME)
+        except TcaError as error:
+            _warn(f"no picture of the robot: {error}")
+        else:
+            self.outputs.append(("the robot", Path(picture)))
+
+    def show(self, metres: float) -> None:
+        """The robot has come so far."""
+        self.walked = metres
+        self._progress.update(self._bar, completed=min(metres, self.options.metres))
+
+    def confirm(self, number: int, programs: Programs) -> None:
+        """Between two arcs: what --between-arcs asked for."""
+        arcs, say = f"between arcs {number} and {number + 1}", self._progress.console.print
+        if self.options.between_arcs == "swap":
+            (code,) = programs.stop("controller")
+            say(f"{arcs}: the controller ended ({code}); another starts")
+            self.start_controller(programs, number)
+        else:
+            say(f"{arcs}: Enter goes on")
+            sys.stdin.readline()
+
+    def judge(self) -> Figures:
+        """The walk in figures, which are also written into its folder."""
+        figures = figures_of(self.folder / "footsteps.jsonl", self.folder / "journal", self.usage, self.wall)
+        (self.folder / "figures.json").write_bytes(msgspec.json.format(msgspec.json.encode(figures)))
+        return figures
+
+
+def _warn(words: str) -> None:
+    console.print(words, style="yellow")

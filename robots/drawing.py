@@ -1,0 +1,62 @@
+"""What drawings of robots are made of: shapes of the world in an SVG picture."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from tca_tools.drawing.svg import text
+
+Place = Sequence[float]
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A part of a picture where y points up: lengths are the world's, and *scale* pixels are one of them.
+
+    *left* and *zero* are the pixels of the world's origin. Each shape has a look, which is a class of the style, and
+    more attributes of SVG by name.
+    """
+
+    left: float
+    zero: float
+    scale: float
+    digits: int = 1
+
+    def at(self, x: float, y: float) -> tuple[float, float]:
+        """A place in pixels."""
+        return self.left + x * self.scale, self.zero - y * self.scale
+
+    def line(self, look: str, places: Iterable[Place], **more: object) -> str:
+        """From place to place."""
+        return f'<polyline class="{look}" points="{self._points(places)}"{attributes(more)}/>'
+
+    def shape(self, look: str, places: Iterable[Place], **more: object) -> str:
+        """What lies between these corners."""
+        return f'<polygon class="{look}" points="{self._points(places)}"{attributes(more)}/>'
+
+    def box(self, look: str, corner: Place, width: float, height: float, **more: object) -> str:
+        """A rectangle, given by its lower left corner."""
+        x, y = self.at(corner[0], corner[1] + height)
+        size = self._pixels(x=x, y=y, width=width * self.scale, height=height * self.scale)
+        return f'<rect class="{look}"{size}{attributes(more)}/>'
+
+    def disc(self, look: str, centre: Place, radius: float, **more: object) -> str:
+        """A circle."""
+        x, y = self.at(centre[0], centre[1])
+        return f'<circle class="{look}"{self._pixels(cx=x, cy=y, r=radius * self.scale)}{attributes(more)}/>'
+
+    def words(self, words: str, place: Place, right: float = 0.0, down: float = 0.0, **more: object) -> str:
+        """A text, some pixels beside a place."""
+        x, y = self.at(place[0], place[1])
+        return f"<text{self._pixels(x=x + right, y=y + down)}{attributes(more)}>{text(words)}</text>"
+
+    def _points(self, places: Iterable[Place]) -> str:
+        pixels = (self.at(place[0], place[1]) for place in places)
+        return " ".join(f"{x:.{self.digits}f},{y:.{self.digits}f}" for x, y in pixels)
+
+    def _pixels(self, **values: float) -> str:
+        return attributes({name: f"{value:.{self.digits}f}" for name, value in values.items()})
+
+
+def attributes(values: dict[str, object]) -> str:
+    """Attributes of SVG; a ``_`` stands for ``-``, and may end a name that Python has taken."""
+    return "".join(f' {name.rstrip("_").replace("_", "-")}="{value}"' for name, value in values.items())

@@ -1,0 +1,111 @@
+"""Raw renderings of a physics engine, and what all pictures make of them: shadows, lines, PNG files."""
+
+import math
+import struct
+import zlib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Pixels = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+Triple = tuple[float, float, float]
+
+SIZE = (960, 600)
+RENDERED = (2 * SIZE[0], 2 * SIZE[1])
+"""Twice as large, then averaged: the renderer draws hard edges."""
+
+SHADOW = 0.58
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+EIGHT_BIT_RGB = (8, 2, 0, 0, 0)
+NO_FILTER = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Where it is, what it looks at, its vertical angle of view in degrees, and what distances it sees."""
+
+    eye: tuple[float, float, float]
+    target: tuple[float, float, float]
+    angle: float
+    near: float
+    far: float
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """A rendering: RGB colours, depths (0 near to 1 far), which pixels are ground or objects on it, the world-to-screen
+    matrix and the camera.
+    """
+
+    colours: Pixels = field(repr=False)
+    depths: Array = field(repr=False)
+    ground: Mask = field(repr=False)
+    objects: Mask = field(repr=False)
+    looking: Array
+    camera: Camera
+
+
+def camera_in_the_sun(sun: Triple, distance: float, target: Triple, angle: float, depth: float) -> Camera:
+    """What a robot hides from there lies in its shadow. *depth*: metres that are seen before and behind the target."""
+    eye = [here + distance * part / math.hypot(*sun) for here, part in zip(target, sun, strict=True)]
+    return Camera((eye[0], eye[1], eye[2]), target, angle, near=distance - depth, far=distance + depth)
+
+
+def ground_places(frame: Rendering) -> Array:
+    """The world point (n, 3) seen in each ground pixel, from its depth."""
+    row, column = np.nonzero(frame.ground)
+    height, width = frame.ground.shape
+    across, down = 2 * (column + 0.5) / width - 1, 1 - 2 * (row + 0.5) / height
+    screen = np.stack([across, down, 2 * frame.depths[frame.ground] - 1, np.ones(len(row))])
+    world = np.linalg.inv(frame.looking) @ screen
+    places: Array = (world[:3] / world[3]).T
+    return places
+
+
+def near_multiple(values: Array, step: float, width: float) -> Mask:
+    """Where a value is nearer than *width* to a multiple of *step*."""
+    near: Mask = np.abs(values - step * np.round(values / step)) < width
+    return near
+
+
+def shadow(places: Array, from_sun: Rendering) -> Array:
+    """Brightness: SHADOW where the sun sees an object instead of the ground, with soft edges."""
+    height, width = from_sun.objects.shape
+    x, y, _, w = from_sun.looking @ np.vstack([places.T, np.ones(len(places))])
+    column, row = ((x / w + 1) / 2 * width).astype(np.intp), ((1 - y / w) / 2 * height).astype(np.intp)
+    lit = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    hidden = _softened(from_sun.objects.astype(np.float64))[row.clip(0, height - 1), column.clip(0, width - 1)]
+    return np.where(lit, 1 - (1 - SHADOW) * hidden, 1.0)
+
+
+def _softened(cells: Array) -> Array:
+    """Mean over 5 by 5 cells."""
+    for axis in (0, 1):
+        cells = np.mean([np.roll(cells, shift, axis) for shift in (-2, -1, 0, 1, 2)], axis=0)
+    return cells
+
+
+def halved(image: Array) -> Pixels:
+    """Half the size, each pixel the mean of four."""
+    height, width, colours = image.shape
+    blocks = image.reshape(height // 2, 2, width // 2, 2, colours)
+    halved: Pixels = blocks.mean(axis=(1, 3)).round().clip(0, 255).astype(np.uint8)
+    return halved
+
+
+def write_png(path: Path, pixels: Pixels) -> None:
+    """Write (height, width, 3) pixels as PNG, with the standard library alone."""
+    height, width, _ = pixels.shape
+    header = struct.pack(">2I5B", width, height, *EIGHT_BIT_RGB)
+    filters = np.full((height, 1), NO_FILTER, dtype=np.uint8)
+    rows = np.hstack([filters, pixels.reshape(height, width * 3)])
+    body = zlib.compress(rows.tobytes(), level=9)
+    path.write_bytes(PNG_SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", body) + _chunk(b"IEND", b""))
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))

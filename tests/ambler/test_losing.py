@@ -1,0 +1,21 @@
+"""A program that is lost comes back."""
+
+from pathlib import Path
+
+import pytest
+
+from robots.ambler_sim.run.losing import ProgramKiller
+from tca_module import TcaError
+from tca_tools.supervise import guard
+from tca_tools.supervise.programs import Programs
+
+
+@pytest.mark.soak
+def test_a_planner_that_was_halted_is_back_though_central_does_not_answer(tmp_path: Path) -> None:
+    with Programs(tmp_path) as programs:
+        halted = programs.start("footfall planner", "sleep", "60")
+        programs.halt("footfall planner")
+        with pytest.raises(TcaError):
+            ProgramKiller(programs, f"ipc://{tmp_path}/nobody.sock")._kill_when_asked("footfall planner")
+        assert programs.numbers()["footfall planner"] != halted
+        assert not guard.is_alive(halted)

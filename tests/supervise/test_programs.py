@@ -1,0 +1,88 @@
+"""Programs end with the one who started them."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+import pytest
+from module.real_central import until
+
+from tca_tools.supervise import guard
+from tca_tools.supervise.programs import ProgramEnded, Programs
+
+DEAF = ("sh", "-c", "trap '' INT TERM; echo deaf; sleep 60 & sleep 60")
+IDLE = ("sh", "-c", "echo idle; exec sleep 60")
+
+
+@contextmanager
+def interrupted_after(seconds: float) -> Iterator[None]:
+    """As by Ctrl-C."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def start(programs: Programs, name: str, command: tuple[str, ...]) -> int:
+    """Start a program, and wait until it has said something; its process."""
+    process = programs.start(name, *command)
+    until(lambda: programs.log(name).read_text(), f"{name} has begun")
+    return process
+
+
+def test_who_does_not_wait_for_them_leaves_no_program_behind(tmp_path: Path) -> None:
+    programs = Programs(tmp_path).__enter__()
+    both = [start(programs, "idle", IDLE), start(programs, "deaf", DEAF)]
+    with pytest.raises(KeyboardInterrupt), interrupted_after(0.2):
+        programs.__exit__()
+    until(lambda: not any(map(guard.is_alive, both)), "they have ended")
+
+
+def test_a_program_that_was_halted_ends_when_it_is_told_to(tmp_path: Path) -> None:
+    with Programs(tmp_path) as programs:
+        start(programs, "idle", IDLE)
+        programs.halt("idle")
+        assert programs.stop("idle") == [-signal.SIGINT]
+
+
+def test_a_program_that_ends_by_itself_is_noticed(tmp_path: Path) -> None:
+    with Programs(tmp_path) as programs:
+        start(programs, "short", ("echo", "hello"))
+        time.sleep(0.1)
+        with pytest.raises(ProgramEnded, match=f"short has ended: see {tmp_path}/short.log"):
+            programs.check()
+
+
+STARTER = """
+import pathlib, sys, time
+from tca_tools.supervise.programs import Programs
+programs = Programs(pathlib.Path(sys.argv[1]), grace=0.2).__enter__()
+print(programs.start("deaf", *sys.argv[2:]), programs.start("central", *sys.argv[2:], ends_last=True), flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.slow
+def test_no_program_outlives_a_starter_that_is_killed(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", STARTER, str(tmp_path), *DEAF]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as starter:
+        assert starter.stdout
+        assert starter.stderr
+        groups = [int(word) for word in starter.stdout.readline().split()]
+        os.kill(starter.pid, signal.SIGKILL)
+        assert re.search("killed; its 2 programs are ended", starter.stderr.readline())
+        until(lambda: not any(map(guard.is_alive, groups)), "they have ended")
