@@ -24,9 +24,9 @@ class CheckedRun:
     """
 
     def __init__(self, wanted: Iterable[Property], history: History | None = None) -> None:
-        self.violations: list[Violation] = []
         self.judges = [Judge(one) for one in wanted]
-        self.checker = Checker(self.violations.append, self._follow if self.judges else lambda _: None)
+        self.checker = Checker(self._follow if self.judges else lambda _: None)
+        self.violations = self.checker.violations
         self.checker.history = history
         self.messages: dict[str, None] = {}
         self.modules: dict[str, None] = {}

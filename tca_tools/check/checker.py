@@ -1,27 +1,22 @@
 """Checks a journal against the rules, entry by entry, at a bounded cost for each fact."""
 
 from collections.abc import Callable
-from operator import attrgetter
-from typing import Any
 
-from tca_tools.check import births, failing, handling, lives, moments, presence, taps
-from tca_tools.check.records import MessageRecord
+from tca_tools.check import presence
+from tca_tools.check.events import end_event, take_fact
 from tca_tools.check.rules import CLOCK, Violation
 from tca_tools.check.world import JournalWorld
 from tca_tools.journal.fold import History
 from tca_wire.journal import facts
-from tca_wire.journal.takers import takers
-
-Report = Callable[[Violation], None]
 
 
 class Checker:
     """The check of one journal. Give it every entry, then ``close`` it."""
 
-    def __init__(self, report: Report, follow: Callable[[JournalWorld], None] = lambda _: None) -> None:
-        self._report = report
+    def __init__(self, follow: Callable[[JournalWorld], None] = lambda _: None) -> None:
+        self.violations: list[Violation] = []
         self._follow = follow  #: is called when an event is known with all its facts
-        self.world = JournalWorld(report, is_whole=False)
+        self.world = JournalWorld(self.violations, is_whole=False)
         self.history: History | None = None  #: is folded along, for properties that ask for all records
         self.events = 0
         self.facts = 0
@@ -44,19 +39,16 @@ class Checker:
             self._begin_event(entry)
         if self.history is not None:
             self.history.apply(entry)
-        world = self.world
         self.facts += len(entry.facts)
         for fact in entry.facts:
-            kind = type(fact)
-            if fold := FOLD.get(kind):
-                fold(world, fact)
-            elif isinstance(fact, facts.Opened):
+            if isinstance(fact, facts.Opened):
                 self._opened(fact, entry)
-                world = self.world
             elif isinstance(fact, facts.Closed):
                 if self.is_closed:
-                    world.broken(CLOCK, 0, "central ended a second time")
+                    self.world.broken(CLOCK, 0, "central ended a second time")
                 self.is_closed = True
+            else:
+                take_fact(self.world, fact)
 
     def _is_shortened(self, entry: facts.Entry) -> bool:
         """Whether facts may have been removed that belong to an entry."""
@@ -102,7 +94,7 @@ class Checker:
         known = self.world
         if why:
             self.gaps.append(f"{why}: what was under way then is not known")
-        self.world = JournalWorld(self._report, is_whole=False, events=known.events)
+        self.world = JournalWorld(self.violations, is_whole=False, events=known.events)
         self.world.now, self.world.lives = known.now, known.lives
         self.world.formats, self.world.classes = known.formats, known.classes
         self._may_have_missed_opening = True
@@ -119,6 +111,7 @@ class Checker:
                 self.gaps.append("it begins in the middle of a segment: what was sent before is not known")
         elif not isinstance(entry.facts[0] if entry.facts else None, facts.Opened):
             self._check_clock(entry)
+        world.forget()
         world.begin(entry)
         self._is_open = True
         self.events += 1
@@ -142,9 +135,7 @@ class Checker:
             return
         self._is_open = False
         world = self.world
-        world.end()
-        handling.check_places(world)
-        moments.check_settled(world)
+        end_event(world)
         world.history = self.history
         self._follow(world)
         world.events += 1
@@ -160,50 +151,8 @@ class Checker:
                 missing = fact.segment - 1 - (0 if is_other else self._segment)
                 which = f"{missing} segment{'s' * (missing != 1)} before segment {fact.segment}"
                 self.gaps.append(f"missing: {which}; what was sent before {entry.time:.2f} s is not known")
-            self.world = JournalWorld(self._report, is_whole=is_other and fact.segment == 1, events=self.world.events)
+            is_first = is_other and fact.segment == 1
+            self.world = JournalWorld(self.violations, is_whole=is_first, events=self.world.events)
             self.world.begin(entry)
         self._epoch, self._segment, self.is_closed = fact.epoch, fact.segment, False
         self._may_have_missed_opening = False
-
-
-Take = Callable[[JournalWorld, Any], None]
-
-
-def _of(
-    find: Callable[[JournalWorld, int, str], MessageRecord | None], number: str, what: str,
-    take: Callable[[JournalWorld, MessageRecord, Any], None],
-) -> Take:  # fmt: skip
-    """The handler for a fact about one message: *find* it by *number*, or report that *what* happened to none."""
-    number_of = attrgetter(number)
-
-    def take_if_known(world: JournalWorld, fact: Any) -> None:
-        if (item := find(world, number_of(fact), what)) is not None:
-            take(world, item, fact)
-
-    return take_if_known
-
-
-_ITEM, _TASK = JournalWorld.item, JournalWorld.task
-
-FOLD: dict[type, Take] = {
-    **takers(presence, births, handling, moments, failing, taps),
-    facts.TimedOut: _of(_TASK, "constraint.after.task", "got past a delay", births.timed_out),
-    facts.Unqueued: _of(_ITEM, "id", "left a queue", handling.unqueued),
-    facts.Returned: _of(_ITEM, "id", "was returned", handling.returned),
-    facts.Answered: _of(_ITEM, "id", "was answered", handling.answered),
-    facts.Awaited: _of(_ITEM, "id", "was waited for", handling.awaited),
-    facts.Killed: _of(_TASK, "task", "was killed", failing.killed),
-    facts.SuspendedOrResumed: _of(_TASK, "task", "was suspended or resumed", failing.suspended),
-    facts.StateChanged: _of(_TASK, "task", "changed its state", lives.changed),
-    facts.Retried: _of(_TASK, "task", "was retried", failing.retried),
-    facts.Caught: _of(_TASK, "task", "was caught", failing.caught),
-    facts.Reissued: _of(_TASK, "handler", "reissued its failure", failing.reissued),
-    facts.Resolved: _of(_TASK, "handler", "resolved its failure", failing.resolved),
-    facts.NotResolved: _of(_ITEM, "task", "failed on", failing.not_resolved),
-    facts.Unhandled: _of(_TASK, "task", "failed, unhandled,", failing.unhandled),
-    facts.Recovered: _of(_ITEM, "task", "recovered", failing.recovered),
-    facts.WaitedFor: _of(taps.monitor, "monitor", "was sent to be waited for", taps.waited_for),
-    facts.MonitorTested: _of(taps.monitor, "monitor", "was tested", taps.tested),
-    facts.MonitorEnded: _of(taps.monitor, "monitor", "ended", taps.monitor_ended),
-}
-"""By kind of fact that the rules are about."""

@@ -1,7 +1,7 @@
 """The messages under way at one event of a run, folded from the facts and from nothing else.
 
 It keeps what has not ended and the names of what has, so it stays small. A journal may begin in the middle: what was
-sent before is a stranger, of which nothing is claimed.
+sent before is a stranger, of which nothing is claimed. The explorer has the same world of the runs that it plays.
 """
 
 from collections import defaultdict
@@ -35,8 +35,8 @@ class JournalWorld:
     kept_out = False
     """Central has said, in the event that is being folded, that it sends no listener."""
 
-    def __init__(self, report: Callable[[Violation], None], *, is_whole: bool, events: int = 0) -> None:
-        self._report = report
+    def __init__(self, violations: list[Violation], *, is_whole: bool, events: int = 0) -> None:
+        self.violations = violations  #: those found are added here
         self.is_whole = is_whole  #: the journal is known from the beginning of the run
         self.first = 1 if is_whole else 0  #: the first number of which all must be known (0: not known yet)
         self.newest = 0  #: the highest number given so far
@@ -44,7 +44,7 @@ class JournalWorld:
         self.event, self.asked_by = 0, 0  #: its number, and the delivery whose handler asked for it
         self.now = 0.0
         self.is_holding = False  #: since a restart no task begins
-        self.passed = 0.0  #: seconds since the event before
+        self.passed = 0.0  #: seconds that passed with the last event
         #: By number, oldest first; each copy of a broadcast has one of its own.
         self.items: dict[int, MessageRecord] = {}
         self.deliveries: dict[int, MessageRecord] = {}  #: of tasks that are handled again: by delivery
@@ -116,7 +116,7 @@ class JournalWorld:
     def broken(self, rule: Rule, about: MessageRecord | int, what: str) -> None:
         """A rule is broken. *what* goes on from the message's name, if *about* is one and not a mere number."""
         number, words = (about, what) if isinstance(about, int) else (about.id, f"{about} {what}")
-        self._report(Violation(rule.text, rule.source, self.events, self.event, self.now, number, words))
+        self.violations.append(Violation(rule.text, rule.source, self.events, self.event, self.now, number, words))
 
     def expect(self, is_so: Callable[[], object], rule: Rule, about: MessageRecord | int, what: str) -> None:
         """When all facts of the event are known, this must be so; else *rule* is broken."""
@@ -127,25 +127,34 @@ class JournalWorld:
 
         self.later.append(check)
 
-    def begin(self, entry: facts.Entry) -> None:
-        """An event begins: forget what ended with the one before."""
-        self.kept_out = False
-        self.asked_by = entry.cause.origin if isinstance(entry.cause, Request) else 0
-        self.event, self.passed, self.now = entry.number, max(entry.time - self.now, 0.0), entry.time
+    def forget(self) -> None:
+        """Forget what ended, and what is so for one event only: the next event, or action of an explored run, begins."""
+        self.passed = 0.0
         for item in self.flagged:
             item.is_new = item.is_retried = item.has_fired = False
             if item.is_over and self.items.pop(item.id, None) is not None:
                 self.over[item.id] = EndedMessage(item.message, item.message_class, item.sender, item.sent_by)
                 self.deliveries.pop(item.given_as, None)
-        for of_event in (
-            self.flagged, self.touched, self.places_touched, self.slots_lost, self.rehandled, self.later,
-        ):  # fmt: skip
+        self.flagged.clear()
+
+    def begin(self, entry: facts.Entry) -> None:
+        """An event begins."""
+        self.kept_out = False
+        self.asked_by = entry.cause.origin if isinstance(entry.cause, Request) else 0
+        self.event = entry.number
+        self.go_to(entry.time)
+        for of_event in (self.touched, self.places_touched, self.slots_lost, self.rehandled):
             of_event.clear()
+
+    def go_to(self, time: float) -> None:
+        """Time passes."""
+        self.passed, self.now = self.passed + max(time - self.now, 0.0), time
 
     def end(self) -> None:
         """All facts of the event are known."""
         for check in self.later:
             check()
+        self.later.clear()
 
     def new_number(self, number: int) -> bool:
         """A number is given to something; whether it is a new one."""

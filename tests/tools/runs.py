@@ -22,12 +22,11 @@ OPENED = Entry(0, 0.0, [facts.Opened(JOURNAL_VERSION, "epoch", 1, 1_700_000_000.
 
 def checked(entries: Iterable[Entry]) -> list[Violation]:
     """What is wrong with a journal."""
-    found: list[Violation] = []
-    checker = Checker(found.append)
+    checker = Checker()
     for entry in entries:
         checker.take(entry)
     checker.close()
-    return found
+    return checker.violations
 
 
 def walk() -> list[Entry]:
