@@ -207,7 +207,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "properties": set(),
         "live": set(),
         "supervise": {"user_toml"},
-        "explore": {"properties", "user_file"},
+        "explore": {"check", "properties", "user_file"},
         "spans": set(),
         "terminal": set(),
         "output": {"errors"},

@@ -1,5 +1,6 @@
 """How messages come into a run: under which parent, with which constraints; and what those hold back."""
 
+from tca_tools.check import lives
 from tca_tools.check.failing import check_below
 from tca_tools.check.records import Hold, MessageRecord
 from tca_tools.check.rules import CONSTRAINT, DELAY, NUMBERS, ORDER, PARENT, PLAIN, PRESENT, SETTLED, TAPPED
@@ -7,7 +8,7 @@ from tca_tools.check.world import JournalWorld
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, START_ACHIEVING, START_HANDLING, START_PLANNING, describe_moments
-from tca_wire.rules import NO_GOAL, recurs_on_retry
+from tca_wire.rules import NO_GOAL
 from tca_wire.text.measures import duration, run_time
 from tca_wire.vocabulary import Role
 
@@ -31,7 +32,7 @@ def received(world: JournalWorld, fact: facts.Received) -> None:
         world.broken(PRESENT, fact.id, f"{name} was sent by '{fact.sender}', which is not there")
     item = MessageRecord(
         fact.id, fact.message, fact.message_class, fact.sender, fact.sender, fact.body,
-        role=fact.role, about=fact.about, origin=fact.origin,
+        role=fact.role, about=fact.about,
     )  # fmt: skip
     world.add(item)
     if item.role:
@@ -53,7 +54,7 @@ def _made_by_central(world: JournalWorld, item: MessageRecord) -> None:
     item.sent_by = about.sent_by if about is not None else ""
     if item.role is Role.LISTENER:
         listens = f"listens to {world.name(item.about)}, and no wiretap was fired"
-        world.expect(lambda: item.fired or not world.is_whole, TAPPED, item, listens)
+        world.expect(lambda: item.tap or not world.is_whole, TAPPED, item, listens)
     monitor = world.items.get(item.about)
     sent_for = monitor if item.role.is_of_monitor else item
     item.is_tapped = sent_for is not None and sent_for.role is not Role.LISTENER
@@ -67,6 +68,7 @@ def _made_by_central(world: JournalWorld, item: MessageRecord) -> None:
 
 def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> None:
     """Put a task under its parent."""
+    lives.begin(world, item)
     parent = world.task(fact.parent, "got a child") if fact.parent != ROOT else None
     if parent is None and fact.parent != ROOT:
         item.is_orphan = True
@@ -78,7 +80,6 @@ def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> No
         parent.unplanned += item.is_goal
         item.is_watcher = item.message_class.is_monitor and item.message_class.is_aside
         parent.watchers += item.is_watcher
-        item.is_guest = not item.role and item.message_class.is_monitor and _is_put_by_others(world, item, parent)
         item.is_suspended = parent.is_suspended and not item.role.leaves_safe
         if parent.is_killed:
             world.later.append(lambda: check_below(world, parent))
@@ -86,35 +87,6 @@ def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> No
     if not item.is_goal:
         what = "was not planned when it was sent, and is no goal"
         world.expect(lambda: not ~item.reached & NO_GOAL.at_birth, ORDER, item, what)
-
-
-def _is_put_by_others(world: JournalWorld, item: MessageRecord, parent: MessageRecord) -> bool:
-    """Whether a monitor was not sent by the handling of the task it is under. Looks who sent what to
-    whose handler. What has ended meanwhile is not known any more.
-    """
-    one = _at_work(world, item.origin)
-    is_own = item.origin == parent.given_as
-    while one is not None and not is_own:
-        if one.role is Role.LISTENER:
-            tapped = world.items.get(one.about)
-            if tapped is parent:
-                return not any(recurs_on_retry(world.taps[tap].condition) for tap in one.fired if tap in world.taps)
-            one = tapped if tapped is not None and tapped.is_task else None
-        elif one.role.is_of_monitor:
-            one = world.items.get(one.about)
-        elif one.is_task:
-            one = None if one.role is Role.EXCEPTION or one.is_guest else one.parent
-        else:
-            is_own = one.origin == parent.given_as
-            one = _at_work(world, one.origin)
-        is_own = is_own or one is parent
-    return not is_own
-
-
-def _at_work(world: JournalWorld, delivery: int) -> MessageRecord | None:
-    """The message that a handler has under that number."""
-    item = world.deliveries.get(delivery) or world.items.get(delivery)
-    return item if item is not None and item.given_as == delivery and item.is_handled else None
 
 
 # --- constraints -----------------------------------------------------------------------------------------------------

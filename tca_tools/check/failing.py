@@ -25,14 +25,14 @@ def failed(world: JournalWorld, task: MessageRecord, fact: facts.Failed) -> None
 
 def search(world: JournalWorld, task: MessageRecord, after: int) -> None:
     """Expect the search to find somebody with the same event."""
-    task.searches.append(after)
+    task.searches += (after,)
     world.later.append(lambda: _check_found(world, task))
 
 
 def _check_found(world: JournalWorld, task: MessageRecord) -> None:
     if task.searches and not task.is_killed:
         world.broken(CAUGHT, task, f"failed ({task.failure}), and that was neither caught nor called unhandled")
-    task.searches.clear()
+    task.searches = ()
 
 
 def _found(world: JournalWorld, task: MessageRecord, what: str) -> int:
@@ -41,7 +41,9 @@ def _found(world: JournalWorld, task: MessageRecord, what: str) -> int:
         if not task.is_stranger:
             world.broken(CAUGHT, task, f"{what}, and nothing failed")
         return BESIDE
-    return task.searches.pop(0)
+    first, *further = task.searches
+    task.searches = tuple(further)
+    return first
 
 
 def caught(world: JournalWorld, task: MessageRecord, fact: facts.Caught) -> None:
@@ -148,7 +150,7 @@ def handler_ended(world: JournalWorld, handler: MessageRecord) -> None:
     _deals_no_more(world, failing, handler.id)
     if failing.is_killed:
         return
-    failing.ended_handlers.append(handler)
+    failing.ended_handlers += (handler,)
     world.later.append(lambda: _check_recovered(world, failing))
 
 
@@ -162,7 +164,7 @@ def _check_recovered(world: JournalWorld, failing: MessageRecord) -> None:
     if failing.ended_handlers and not failing.is_killed:
         handler = failing.ended_handlers[0]
         world.broken(RECOVERED, failing, f"neither recovered nor failed on when {handler} had ended")
-    failing.ended_handlers.clear()
+    failing.ended_handlers = ()
 
 
 def recovered(world: JournalWorld, task: MessageRecord, fact: facts.Recovered) -> None:
@@ -188,7 +190,11 @@ def not_resolved(world: JournalWorld, task: MessageRecord, fact: facts.NotResolv
 
 
 def _pop_ended(task: MessageRecord) -> MessageRecord | None:
-    return task.ended_handlers.pop(0) if task.ended_handlers else None
+    if not task.ended_handlers:
+        return None
+    first, *further = task.ended_handlers
+    task.ended_handlers = tuple(further)
+    return first
 
 
 def attached(world: JournalWorld, fact: facts.Attached) -> None:
@@ -231,7 +237,7 @@ def killed(world: JournalWorld, item: MessageRecord, fact: facts.Killed) -> None
         return
     item.is_void = True
     _deals_no_more(world, failing, item.id)
-    failing.searches.append(item.id)  # a killed exception handler has decided nothing: the search goes on
+    failing.searches += (item.id,)  # a killed exception handler has decided nothing: the search goes on
     what = "was killed, and nobody else was asked to deal with its failure"
     world.expect(lambda: item.id not in failing.searches or failing.is_killed, KILLED, item, what)
 
@@ -263,9 +269,10 @@ def retried(world: JournalWorld, item: MessageRecord, fact: facts.Retried) -> No
         world.broken(KILLED, item, "was retried, and it is killed")
     item.failure, item.body, item.is_resolved = "", fact.body or item.body, False
     item.has_resolved = False
+    item.attempts += item.is_begun
     for child in item.children.values():  # the failures that they were called for are forgotten
         child.is_void = child.is_void or child.role is Role.EXCEPTION
-    asking = world.deliveries.get(world.asked_by) or world.items.get(world.asked_by)
+    asking = world.known(world.asked_by)
     if asking is not None and asking.role is Role.EXCEPTION:
         asking.has_resolved = True
     item.is_retried = True

@@ -116,6 +116,11 @@ def _may_go_to(world: JournalWorld, item: MessageRecord, place: ResourceRecord) 
     if world.is_whole and handled_in != place.name and not place.is_recalling:  # it had it ahead
         instead = f", which handles it in '{handled_in}'" if handled_in else ", which does not handle it"
         world.broken(rules.HANDLES, item, f"was given to {said(place)}{instead}")
+    check_locks(world, item, place)
+
+
+def check_locks(world: JournalWorld, item: MessageRecord, place: ResourceRecord) -> None:
+    """Check that a message may go where others have locks or reservations."""
     held_by = place.claims.held_by
     if held_by is not None:
         is_own = item.message_class.has_reply and item.sender == place.module
@@ -192,8 +197,10 @@ def _may_fail(world: JournalWorld, task: MessageRecord, failure: str) -> bool:
 
 def dropped(world: JournalWorld, fact: facts.Dropped) -> None:
     """A message is dropped: nobody handles it, or nobody waits for it any more."""
-    if fact.id in world.over and world.over[fact.id].message_class.keeps_value:
-        return  # its value is forgotten
+    over = world.over.get(fact.id)
+    if over is not None and over.message_class.keeps_value:
+        world.over[fact.id] = over._replace(body=b"")  # its value is forgotten
+        return
     item = _known(world, fact.id, "was dropped")
     if item is None:
         return

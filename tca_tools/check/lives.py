@@ -20,6 +20,19 @@ def declared(world: JournalWorld, fact: facts.FormatDefined) -> None:
         world.broken(LIFE, 0, f"{fact.message} was declared, and {error}")
 
 
+def begin(world: JournalWorld, task: MessageRecord) -> None:
+    """A task is sent."""
+    if not task.message_class.is_monitor:
+        task.state = _cycle(world, task).initial
+
+
+def end(world: JournalWorld, task: MessageRecord) -> None:
+    """A task has ended."""
+    if not task.message_class.is_monitor:
+        cycle = _cycle(world, task)
+        task.state = cycle.cancelled if task.is_killed else cycle.done
+
+
 def go_on(world: JournalWorld, task: MessageRecord, module: str = "") -> None:
     """A task waits for a handler, or a *module* gets it: once more, or for the first time, which accepts it."""
     if not task.is_task or task.is_stranger:
@@ -29,9 +42,9 @@ def go_on(world: JournalWorld, task: MessageRecord, module: str = "") -> None:
     if task.serial == UNKNOWN:
         return
     cycle = _cycle(world, task)
-    if task.is_begun and task.state not in ("", cycle.initial):
-        task.state, task.serial, task.overtaken = cycle.initial, task.serial + 1, []
-    if module and task.state in ("", cycle.initial) and (task.message, module) not in world.lives.accepting:
+    if task.is_begun and task.state != cycle.initial:
+        task.state, task.serial, task.overtaken = cycle.initial, task.serial + 1, ()
+    if module and task.state == cycle.initial and (task.message, module) not in world.lives.accepting:
         task.state, task.serial = cycle.accepted.target, task.serial + 1
 
 
@@ -42,7 +55,7 @@ def changed(world: JournalWorld, task: MessageRecord, fact: facts.StateChanged) 
         task.state, task.serial = fact.state, fact.serial
         return
     cycle = _cycle(world, task)
-    before = task.state or cycle.initial
+    before = task.state
     step = _step(cycle, task, before, fact)
     if step is None:
         others = [one for (state, name), one in cycle.steps.items() if (state, name) == (before, fact.transition)]
@@ -68,10 +81,15 @@ def _step(cycle: LifeCycle, task: MessageRecord, before: str, fact: facts.StateC
 
 def _follow(task: MessageRecord, before: str, fact: facts.StateChanged, step: Transition | None) -> None:
     task.state, task.serial = fact.state, fact.serial
+    effect = step.effect if step is not None else Effect.NONE
+    if effect is Effect.NEW_GOAL:
+        task.wanted = fact.body
+    elif effect is Effect.TAKE_GOAL:
+        task.body = task.wanted
     if fact.by is Party.CLIENT:
-        task.overtaken.append(before)
-    elif step is None or step.effect is not Effect.RESULT:
-        task.overtaken.clear()
+        task.overtaken += (before,)
+    elif effect is not Effect.RESULT:
+        task.overtaken = ()
 
 
 def _cycle(world: JournalWorld, task: MessageRecord) -> LifeCycle:

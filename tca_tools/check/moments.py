@@ -1,6 +1,6 @@
 """The order of moments: within a task, by constraints, after the parent's starts and the children's ends."""
 
-from tca_tools.check import rules
+from tca_tools.check import lives, rules
 from tca_tools.check.births import is_delayed, not_met, not_startable
 from tca_tools.check.failing import handler_ended
 from tca_tools.check.presence import claim_in_words
@@ -119,6 +119,7 @@ def _check_ends(world: JournalWorld, item: MessageRecord, moments: int) -> None:
 
 def _end(world: JournalWorld, item: MessageRecord) -> None:
     """A task has ended."""
+    lives.end(world, item)
     if item.parent is not None:
         item.parent.children.pop(item.id, None)
         item.parent.watchers -= item.is_watcher
@@ -134,51 +135,42 @@ def _end(world: JournalWorld, item: MessageRecord) -> None:
 
 def wait_began(world: JournalWorld, fact: facts.WaitBegan) -> None:
     """A module waits for a moment of a task; or for changes, which its end is at the latest; or for other things."""
-    item, moment = world.items.get(fact.task), fact.moment if fact.awaits is WaitKind.TASK else END_ACHIEVING
     waits = world.waits.setdefault(fact.key, [])
-    if not fact.task:
-        waits.append(0)
-        return
-    if item is None or item.is_over:
-        if fact.task not in world.over and world.item(fact.task, "was waited for") is None:
-            return
-        waits.append(0)
+    waits.append(fact.moment if fact.awaits is WaitKind.TASK else END_ACHIEVING)
+    item = world.items.get(fact.task)
+    if item is not None and not item.is_over:
+        item.waiters[fact.key] = None
+        world.later.append(lambda: check_waits(world, item))
+    elif fact.task in world.over or (fact.task and world.item(fact.task, "was waited for")):
         what = f"'{fact.module}' waits for {world.name(fact.task)}, which is over"
         world.expect(lambda: not waits, rules.WAITS, fact.task, what)
-        return
-    waits.append(moment)
-    item.waiters.append((fact.module, fact.origin, moment))
-    if item.reached & moment:
-        world.later.append(lambda: check_waits(world, item))
 
 
 def wait_ended(world: JournalWorld, fact: facts.WaitEnded) -> None:
-    """A wait for a moment is over: the moment is reached, or the module gave up."""
-    waits = world.waits.get(fact.key, [])
-    item = world.items.get(fact.task)
+    """A wait is over: its moment is reached, or the module gave up."""
+    waits, item = world.waits.get(fact.key, []), world.items.get(fact.task)
     if not waits:
         if world.is_whole or (world.first and fact.task >= world.first):
             what = f"'{fact.module}' waits no longer for {world.name(fact.task)}, for which it did not wait"
             world.broken(rules.WAITS, fact.task, what)
         return
-    run = next((moment for moment in waits if item is None or item.reached & moment), 0)
-    if not run and item is not None and len(set(waits)) > 1:  # one was given up, and the fact does not say which
-        item.waiters = [one for one in item.waiters if one[:2] != (fact.module, fact.origin)]
+    past = next((moment for moment in waits if item is None or item.reached & moment), 0)
+    if not past and len(set(waits)) > 1:  # one was given up, and the fact does not say which
         waits[:] = [0] * len(waits)
-    run = run or waits[0]
-    waits.remove(run)
+    waits.remove(past or waits[0])
     if not waits:
         del world.waits[fact.key]
-    if item is not None and (fact.module, fact.origin, run) in item.waiters:
-        item.waiters.remove((fact.module, fact.origin, run))
+        if item is not None:
+            item.waiters.pop(fact.key, None)
 
 
 def check_waits(world: JournalWorld, item: MessageRecord) -> None:
     """Check that nobody waits for what is past."""
-    for module, _, moment in item.waiters:
-        if item.reached & moment:
-            words = ", ".join(describe_moments(moment))
-            world.broken(rules.WAITS, item.id, f"'{module}' still waits for {words} of {item}, which is past")
+    for key in item.waiters:
+        for moment in world.waits.get(key, ()):
+            if item.reached & moment:
+                words = ", ".join(describe_moments(moment))
+                world.broken(rules.WAITS, item.id, f"'{key[0]}' still waits for {words} of {item}, which is past")
 
 
 # --- no event ends while a task that it touched could still go on ----------------------------------------------------

@@ -111,7 +111,7 @@ def claimed(world: JournalWorld, fact: facts.Claimed) -> None:
         world.broken(NUMBERS, 0, f"claim {{{fact.id}}} came after {world.name(world.newest)}")
     world.claims[fact.id] = fact
     world.place(fact.module, fact.resource).claims.waiting[fact.id] = fact
-    holder = world.deliveries.get(fact.origin) or world.items.get(fact.origin)
+    holder = world.known(fact.origin)
     if holder is not None:
         holder.claims[fact.id] = fact
 
@@ -150,7 +150,7 @@ def claim_ended(world: JournalWorld, fact: facts.ClaimEnded) -> None:
     place.claims.waiting.pop(fact.id, None)
     if place.claims.held_by is claim:
         place.claims.held_by = None
-    holder = world.deliveries.get(claim.origin) or world.items.get(claim.origin)
+    holder = world.known(claim.origin)
     if holder is not None:
         holder.claims.pop(fact.id, None)
 

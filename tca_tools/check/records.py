@@ -9,6 +9,9 @@ from tca_wire.life_cycles import LifeCycle
 from tca_wire.points import ALL_MOMENTS
 from tca_wire.vocabulary import MessageClass, Role
 
+WaitKey = tuple[str, int, int, str, str]
+"""Who waits, and for what: see the facts of waits."""
+
 
 @dataclass(slots=True, eq=False)
 class Hold:
@@ -80,7 +83,6 @@ class MessageRecord(MessageView):
     body: bytes
     role: Role = Role.NONE
     about: int = 0
-    origin: int = 0
     original: "MessageRecord | None" = None  #: of a copy
     copies: int = 0  #: how many of its copies are not over
     given_as: int = field(init=False)  #: its newest delivery
@@ -94,8 +96,7 @@ class MessageRecord(MessageView):
     holds: list[Hold] = field(default_factory=list)
     followers: "list[tuple[Hold, MessageRecord]]" = field(default_factory=list)
     """The constraints of others that wait for it."""
-    waiters: list[tuple[str, int, int]] = field(default_factory=list)
-    """The waiters for its moments: module, origin, moment."""
+    waiters: dict[WaitKey, None] = field(default_factory=dict)  #: the waits for its moments
     is_guest: bool = False  #: a monitor that others have put there
     is_watcher: bool = False  #: a polling or demon monitor that its parent does not wait for
     watchers: int = 0  #: how many of its children are such
@@ -112,9 +113,10 @@ class MessageRecord(MessageView):
     never_began: int = 0  #: once it was killed, the starts that it had not reached
     is_suspended: bool = False
     is_over: bool = False
-    state: str = ""  #: of its life cycle ("": the first one)
+    state: str = ""  #: of its life cycle
     serial: int = 0  #: the number of changes of that
-    overtaken: list[str] = field(default_factory=list)
+    wanted: bytes = b""  #: the goal that a client wants it to have
+    overtaken: tuple[str, ...] = ()
     """The states from which clients have asked for something since its handler's last word."""
     is_retried: bool = False
     is_resolved: bool = False
@@ -129,15 +131,15 @@ class MessageRecord(MessageView):
     must_fail: bool = False  #: its handler failed, and the failure is still to be raised
     deciding: int = 0  #: the exception handler that decides what becomes of it
     recovering: tuple[int, ...] = ()  #: all exception handlers at work on it
-    searches: list[int] = field(default_factory=list)
+    searches: tuple[int, ...] = ()
     """Searches for exception handlers that must come: after which one (OWN and BESIDE: anew)."""
-    ended_handlers: "list[MessageRecord]" = field(default_factory=list)  #: exception handlers that have just ended
+    ended_handlers: "tuple[MessageRecord, ...]" = ()  #: exception handlers that have just ended
     has_resolved: bool = False  #: of an exception handler: it has said so, or asked for a retry
     is_void: bool = False  #: of an exception handler: it decides nothing any more
     invocations: dict[int, int] = field(default_factory=dict)  #: how often each attachment was called here
 
     is_tapped: bool = True  #: wiretaps are fired for it
-    fired: set[int] = field(default_factory=set)  #: the wiretaps that were fired for it
+    tap: int = 0  #: of a listener: the wiretap that sent it
     passed: dict[int, int] = field(default_factory=dict)
     """Those since it was sent or last retried, with the listener (0: nobody handles it)."""
     has_fired: bool = False

@@ -53,9 +53,9 @@ def fired(world: JournalWorld, fact: facts.TapFired) -> None:
     listener = world.item(fact.listener, "was sent by a wiretap") if fact.listener else None
     if listener is None:
         return
-    if listener.fired:
+    if listener.tap:
         world.broken(TAPPED, listener, "was sent by a wiretap twice")
-    listener.fired.add(tap.id)
+    listener.tap = tap.id
     if listener.role is not Role.LISTENER or listener.about != fact.tapped or listener.message != tap.listener:
         world.broken(TAPPED, listener, f"was sent for {world.name(fact.tapped)}: {tap.listener} should be")
     if tapped is not None and tapped.is_task and listener.is_task and (end := CONDITIONS[tap.condition].holds_until):
@@ -68,7 +68,6 @@ def refused(world: JournalWorld, fact: facts.RequestRefused) -> None:
 
 
 def _pass(world: JournalWorld, tap: facts.TapAdded, tapped: MessageRecord, listener: int) -> None:
-    tapped.fired.add(tap.id)
     tapped.passed[tap.id] = listener or world.kept_out
     if tapped.message != tap.message or tap.task not in (ROOT, tapped.id):
         whose = world.name(tap.task) if tap.task else tap.message
@@ -113,6 +112,11 @@ def monitor(world: JournalWorld, number: int, what: str) -> MessageRecord | None
         world.broken(MONITOR, item, f"{what}, and is no monitor")
         return None
     return item
+
+
+def spared(_: JournalWorld, item: MessageRecord, __: facts.OutlivesRetry) -> None:
+    """Others than the handler of the task above have put a monitor there."""
+    item.is_guest = True
 
 
 def waited_for(_: JournalWorld, item: MessageRecord, __: facts.WaitedFor) -> None:

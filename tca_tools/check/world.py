@@ -9,7 +9,7 @@ from collections.abc import Callable
 from sys import intern
 from typing import NamedTuple
 
-from tca_tools.check.records import LifeDeclarations, MessageRecord, ResourceClaims, ResourceRecord
+from tca_tools.check.records import LifeDeclarations, MessageRecord, ResourceClaims, ResourceRecord, WaitKey
 from tca_tools.check.rules import ENDED, KNOWN, Rule, Violation
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.whole_run import Run
@@ -27,6 +27,8 @@ class EndedMessage(NamedTuple):
     message_class: MessageClass
     sender: str
     sent_by: str
+    body: bytes
+    """The value of a variable, which modules that come later get; of all else nothing."""
 
 
 class JournalWorld:
@@ -62,7 +64,7 @@ class JournalWorld:
         self.taps_before: dict[str, dict[int, facts.TapAdded]] = {}  #: those that hold, by message
         self.attached: dict[int, facts.Attached] = {}
         self.invocations_at_root: dict[int, int] = {}  #: how often each attachment was called there
-        self.waits: dict[tuple[str, int, int, str, str], list[int]] = {}  #: by who and for what: moments
+        self.waits: dict[WaitKey, list[int]] = {}  #: by who and for what: moments
         self.classes: dict[str, MessageClass] = {}  #: of the declared messages
         self.formats: dict[str, str] = {}  #: of their data, as JSON Schema
         self.lives = LifeDeclarations()  #: of their tasks
@@ -128,12 +130,13 @@ class JournalWorld:
         self.later.append(check)
 
     def forget(self) -> None:
-        """Forget what ended, and what is so for one event only: the next event, or action of an explored run, begins."""
+        """The next event, or action of an explored run, begins: forget what ended, and what is so for one only."""
         self.passed = 0.0
         for item in self.flagged:
             item.is_new = item.is_retried = item.has_fired = False
             if item.is_over and self.items.pop(item.id, None) is not None:
-                self.over[item.id] = EndedMessage(item.message, item.message_class, item.sender, item.sent_by)
+                body = item.body if item.message_class.keeps_value else b""
+                self.over[item.id] = EndedMessage(item.message, item.message_class, item.sender, item.sent_by, body)
                 self.deliveries.pop(item.given_as, None)
         self.flagged.clear()
 
@@ -177,9 +180,13 @@ class JournalWorld:
         self.flagged.append(item)
         self.touched[item] = None
 
+    def known(self, number: int) -> MessageRecord | None:
+        """The message under way of that number, or of the newest delivery of that number."""
+        return self.deliveries.get(number) or self.items.get(number)
+
     def item(self, number: int, what: str) -> MessageRecord | None:
         """The message under way of that number, to which *what* happens; None, with a complaint if it can't."""
-        item = self.deliveries.get(number) or self.items.get(number)
+        item = self.known(number)
         if item is not None:
             self.touched[item] = None
             return item
@@ -214,7 +221,6 @@ class JournalWorld:
             original.again = False
             self.deliveries.pop(original.given_as, None)
             original.given_as, self.deliveries[fact.id] = fact.id, original
-            original.attempts += 1
             self.touched[original] = None
             return original
         return self._copy(fact, original or self.over[fact.message_id], what)
@@ -230,7 +236,7 @@ class JournalWorld:
         living = original if isinstance(original, MessageRecord) else None
         copy = MessageRecord(
             fact.id, original.message, original.message_class, original.sender, original.sent_by,
-            living.body if living else b"", original=living,
+            original.body, original=living,
         )  # fmt: skip
         if living is not None:
             living.copies += 1
@@ -253,7 +259,7 @@ class JournalWorld:
 
     def name(self, number: int) -> str:
         """A message's name with its number."""
-        item = self.deliveries.get(number) or self.items.get(number) or self.over.get(number)
+        item = self.known(number) or self.over.get(number)
         return f"{item.message if item else '?'} {{{number}}}"
 
 

@@ -25,8 +25,9 @@ from robots.ambler_sim.modules import (
 from robots.ambler_sim.vocabulary import Arc, Pose
 from tca_module import Broadcast, Command, Goal, PointMonitor, Query, connect, this
 from tca_module.testing import LocalCentral
+from tca_tools.check.events import take_event
+from tca_tools.check.world import JournalWorld
 from tca_tools.explore import Property, Scenario, Script, Task, achieved, always, at_most, before, begun, never_stuck
-from tca_tools.explore.observed.fold import Fold
 from tca_wire.journal.facts import Received
 from tca_wire.points import Moment
 
@@ -198,7 +199,7 @@ def orders(world: tca.World) -> Orders:
 
 def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
     """The orders of a walk of three steps by the real modules; the third is planned while the first is walked."""
-    robot, fold, found = make_robot("kinematic"), Fold(), set()
+    robot, known, found = make_robot("kinematic"), JournalWorld([], is_whole=True), set()
     with LocalCentral(check=True) as central, ExitStack() as stack:
         move_leg = robot.move_leg
 
@@ -217,9 +218,9 @@ def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
         with connect("user", central) as user:
             user.goal(messages.TRAVERSE_ARC, Arc(Pose(0.0, 0.0, 0.0, 0.0), 0.0, 1.2)).wait(timeout=20)
         for entry in central.entries:
-            fold.forget_what_is_over()
-            fold.take(entry.facts)
-            found |= orders(tca.World(fold, {}))
+            known.forget()
+            take_event(known, entry)
+            found |= orders(tca.World(known, {}))
     return found
 
 

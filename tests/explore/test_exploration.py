@@ -170,8 +170,8 @@ def test_a_snapshot_can_be_gone_on_from_more_than_once() -> None:
     assert [str(action) for action in other.actions()] == [str(action) for action in play.actions()]
     assert one.central is not other.central
     other.perform(other.actions()[0])
-    assert not play.fold.seen
-    assert other.fold.seen
+    assert not play.world.items
+    assert other.world.items
 
 
 # --- the nearest comes first -----------------------------------------------------------------------------------------

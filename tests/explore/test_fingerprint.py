@@ -148,8 +148,8 @@ def following(
         after = played()
         after.perform(action)
         key, order = recognised(after, (), detail)
-        after.fold.forget_what_is_over()  # as the next action does first
-        view = seen_in(World(after.fold, {message: place for place, message in enumerate(order)}))
+        after.world.forget()  # as the next action does first
+        view = seen_in(World(after.world, {message: place for place, message in enumerate(order)}))
         assert views.setdefault(key, view) == view, path
         yield (*path, action), after, key
 
@@ -205,8 +205,8 @@ def test_the_world_is_as_central_is(name: str) -> None:
             if not actions:
                 break
             played.perform(choices.choice(actions))
-            assert not played.fold.broken
-            living = {task.id: task for task in played.fold.tasks if not task.is_over}
+            assert not played.broken
+            living = {task.id: task for task in played.world.tasks if not task.is_over}
             assert living.keys() == played.central.tree.tasks.keys()
             for task in played.central.tree.tasks.values():
                 seen = living[task.id]
@@ -246,7 +246,7 @@ def test_which_slot_has_what_matters_only_where_slots_are_followed() -> None:
     scenario, step, note = two(lambda me: [me.command(STEP)], capacity=2)
     ways = [(step, note, Action(ActionKind.STEP, "legs/2")), (note, step, Action(ActionKind.STEP, "legs/1"))]
     first, second = (play(scenario, way) for way in ways)
-    assert [task.is_handled for task in (*first.fold.tasks, *second.fold.tasks)] == [True, True]
+    assert [task.is_handled for task in (*first.world.tasks, *second.world.tasks)] == [True, True]
     assert fingerprint(first, ()) == fingerprint(second, ())
     assert fingerprint(first, (), Detail(names=True)) != fingerprint(second, (), Detail(names=True))
 

@@ -7,6 +7,7 @@ from explore.scenarios import LIFT, NOTE, REST, STEP, WALK, WHERE, found, good, 
 
 import tca_tools.explore as tca
 from tca_module import Outcome, PollingMonitor, Query, this
+from tca_tools.check.world import JournalWorld
 from tca_tools.explore import (
     achieved,
     at_most,
@@ -20,7 +21,6 @@ from tca_tools.explore import (
     sent,
     within,
 )
-from tca_tools.explore.observed.fold import Fold
 from tca_tools.explore.play.play import Action, ActionKind, Play
 from tca_tools.explore.search.fingerprint import Detail, recognised
 
@@ -353,8 +353,8 @@ def over(world: tca.World) -> list[tca.Seen]:
     return [seen for seen in notes if seen.is_over and len(notes) == 1]
 
 
-def test_a_fold_needs_no_central() -> None:
-    assert list(tca.World(Fold(), {}).messages) == []
+def test_a_world_needs_no_central() -> None:
+    assert list(tca.World(JournalWorld([], is_whole=True), {}).messages) == []
 
 
 @pytest.mark.soak

@@ -264,7 +264,7 @@ def test_a_central_that_lets_others_in_is_found(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(Resource, "admits", lambda _self, _message: True)
     result = reserved()
     assert result.violation is not None
-    assert "was given to 'legs' while planner has it reserved" in tca.report(result)
+    assert "step {3} was given to legs, which planner has reserved" in tca.report(result)
 
 
 def test_a_lock_of_a_module_that_may_be_lost() -> None:

@@ -1,4 +1,4 @@
-"""The world that properties see after an action: the messages under way, the locks in force, the modules.
+"""The world that properties of a scenario see after an action: that of ``tca check``, without ids, ages and times.
 
 States that differ only in ids, orders and absolute times are explored once, so properties may see none of that:
 messages come in an order that the state gives, not by age, and ids can only be compared. A property that looks at the
@@ -10,10 +10,12 @@ from typing import NoReturn
 
 import msgspec
 
-from tca_tools.explore.observed.messages import ObservedMessage, Situation, TakenRequest, TrackedMessage
+from tca_tools.check.records import MessageRecord
+from tca_tools.check.world import JournalWorld
 from tca_tools.properties.algebra import Breach
-from tca_tools.properties.world import Found, Predicate
+from tca_tools.properties.world import Found, MessageView, Predicate
 from tca_wire.points import Moment
+from tca_wire.vocabulary import MessageClass, Role
 
 _DIGITS = 6  # of seconds
 
@@ -45,18 +47,52 @@ class Name:
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __mod__ = __bool__ = __format__ = _refuse
 
 
-class Seen(ObservedMessage, frozen=True, kw_only=True):
+class Seen(MessageView, msgspec.Struct, frozen=True):
     """A message under way: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query."""
 
     id: Name
     parent_id: Name
     about: Name
     """Where central sent it: the failing, tapped, killed or monitoring task."""
-    is_recovering: bool = False
-    """Whether an exception handler is at work on its failure."""
+    message: str
+    message_class: MessageClass
+    sender: str
+    body: bytes
+    reached: int
+    is_queued: bool
+    is_begun: bool
+    module: str
+    role: Role
+    is_killed: bool
+    failure: str
+    is_suspended: bool
+    attempts: int
+    is_over: bool
+    state: str
+    """Of a task: where it is in its life cycle."""
+    is_new: bool
+    is_resolved: bool
+    is_retried: bool
+    has_fired: bool
+    is_recovering: bool
+    is_task: bool
+    """Whether it is a node of the tree."""
 
     def __str__(self) -> str:
         return self.message
+
+
+SEEN = Seen.__struct_fields__[3:]
+"""The fields that are as in the record of a message; ids come as names."""
+
+
+class TakenRequest(msgspec.Struct, frozen=True):
+    """A request that central has taken."""
+
+    sender: str
+    """The module that asked."""
+    call: str
+    """The call of the module library by which it did: "kill", "on_termination", ..."""
 
 
 class Held(msgspec.Struct, frozen=True):
@@ -92,12 +128,19 @@ class Messages:
 class World:
     """The messages under way. What ended with the last action is still there; what ended before is not."""
 
-    def __init__(self, now: Situation, order: dict[int, int], look: Callable[[], None] = lambda: None) -> None:
-        self._situation = now
+    def __init__(
+        self, known: JournalWorld, order: dict[int, int], taken: TakenRequest | None = None,
+        look: Callable[[], None] = lambda: None,
+    ) -> None:  # fmt: skip
+        self._known = known
+        self.taken = taken
+        """The request of a script that central took with the last action; None if there was none, or it was refused or
+        too late.
+        """
         self._look = look  #: called when somebody looks at the time
         # Messages from before the last action come in the order of the state before it; the rest as they were sent.
-        keys = sorted(now.seen, key=lambda key: (key not in order, order.get(key, key)))
-        self._seen = {key: _seen(now.seen[key]) for key in keys}
+        keys = sorted(known.items, key=lambda key: (key not in order, order.get(key, key)))
+        self._seen = {key: _seen(known.items[key]) for key in keys}
 
     def true_of(self, predicate: Predicate) -> Found:
         """The value of a predicate."""
@@ -128,31 +171,24 @@ class World:
         that has ended). Those with a delay are not among them.
         """
         of = {seen.id: key for key, seen in self._seen.items()}
-        after = self._situation.seen[of[task.id]].after
-        return [(Moment(moment), point.moment, self._seen.get(point.task)) for moment, point in after]
+        held = [hold.constraint for hold in self._known.items[of[task.id]].holds if hold.due is None]
+        return [(one.after.moment, one.before.moment, self._seen.get(one.before.task)) for one in held if not one.delay]
 
     @property
     def held_by(self) -> dict[tuple[str, str], Held]:
         """The locks and reservations in force, by module and resource."""
         return {key: Held(claim.module, claim.resource, claim.sender, claim.is_reserved)
-                for key, claim in sorted(self._situation.held_by.items())}  # fmt: skip
-
-    @property
-    def taken(self) -> TakenRequest | None:
-        """The request of a script that central took with the last action; None if there was none, or it was refused or
-        too late.
-        """
-        return self._situation.taken
+                for key, claim in sorted(self._known.held_by.items())}  # fmt: skip
 
     @property
     def modules(self) -> tuple[str, ...]:
         """The modules that are connected, by name."""
-        return tuple(sorted(self._situation.modules))
+        return tuple(sorted(self._known.modules))
 
     @property
     def passed(self) -> float:
         """Seconds that passed with the last action."""
-        return round(self._situation.passed, _DIGITS)
+        return round(self._known.passed, _DIGITS)
 
     @property
     def now(self) -> float:
@@ -160,7 +196,7 @@ class World:
         which time never stops endless: ``within`` does not.
         """
         self._look()
-        return round(self._situation.now, _DIGITS)
+        return round(self._known.now, _DIGITS)
 
 
 def breach_in_words(breach: Breach) -> str:
@@ -170,7 +206,6 @@ def breach_in_words(breach: Breach) -> str:
     return ": ".join(part for part in (breach.what, names) if part)
 
 
-def _seen(record: TrackedMessage) -> Seen:
-    said = {name: getattr(record, name) for name in ObservedMessage.__struct_fields__}
-    return Seen(**said, id=Name(record.id), parent_id=Name(record.parent_id), about=Name(record.about),
-                is_recovering=bool(record.recovering))  # fmt: skip
+def _seen(record: MessageRecord) -> Seen:
+    names = Name(record.id), Name(record.parent_id), Name(record.about)
+    return Seen(*names, *(getattr(record, name) for name in SEEN))

@@ -8,9 +8,12 @@ from msgspec.structs import replace
 from tca_central.core import Central
 from tca_central.events import ConnectionId, Effect, Event, Record, RequestReceived
 from tca_module.errors import NIL
+from tca_tools.check.events import take_event
+from tca_tools.check.handling import check_locks
+from tca_tools.check.world import JournalWorld
 from tca_tools.explore.errors import CentralFault, ScenarioError
-from tca_tools.explore.observed.fold import Fold
-from tca_tools.explore.observed.messages import TakenRequest
+from tca_tools.explore.observed.observer import Observer
+from tca_tools.explore.observed.world import TakenRequest
 from tca_tools.explore.play.actors import Actor, ModuleLine, OpenRequest
 from tca_tools.explore.play.identifiers import MessageId, RequestNumber, numbers_shown, renamed, renamed_rows
 from tca_tools.explore.play.inbox import SlotInbox
@@ -30,7 +33,7 @@ from tca_tools.explore.scenario.steps import (
     Return,
     UseKept,
 )
-from tca_wire.journal.facts import Fact, Ignored, RequestRefused
+from tca_wire.journal.facts import Entry, Fact, Ignored, RequestRefused
 from tca_wire.journal.facts import Received as Birth
 from tca_wire.messages.controls import Monitor
 from tca_wire.messages.failures import MODULE_LOST
@@ -51,7 +54,9 @@ class Exchange:
         self.central.look_after = 0  # what waits for ever is for the scenario's properties to find
         self.central.tree.newest = MessageId(0)
         self.central.dispatcher.messages_ahead.trusts_all = True  # how long handlers took is no part of the state
-        self.fold = Fold()
+        self.world = JournalWorld([], is_whole=True)
+        self.observer: Observer | None = None
+        self.taken: TakenRequest | None = None  #: the request that central took with the last action
         self.now = 0.0  #: seconds since the run began
         self.lines: dict[str, ModuleLine] = {}  #: connections that central has not seen end
         self.lived: dict[str, bytes] = {}  #: by line: what its scripts did and got, where messages may be ahead
@@ -84,13 +89,12 @@ class Exchange:
             effects = self.central.handle(event)
         except Exception as error:
             raise CentralFault(f"central can't handle {event}: {error!r}") from error
-        self.fold.now = self.now
         for effect in effects:
             if isinstance(effect, Record):
-                self._record(effect.entry.facts)
+                self._record(effect.entry)
             else:
-                if effect.connection == OBSERVER:
-                    self.fold.states.hear(effect.header, effect.body)
+                if effect.connection == OBSERVER and self.observer is not None:
+                    self.observer.hear(effect.header, effect.body)
                 line = self.lines.get(effect.connection.decode())
                 if line is not None and line.run.is_alive:
                     self._send(line, effect.header, effect.body)
@@ -134,12 +138,15 @@ class Exchange:
         line.begin(line.delivered[0])
         slot = self.central.registry.connections[connection_of(line.name)]
         assert slot.resource is not None
-        self.fold.begin(header.delivery, slot.module.name, slot.resource.name)
+        if (item := self.world.known(header.delivery)) is not None:  # central is told of that with its reply
+            with numbers_shown():
+                check_locks(self.world, item, self.world.place(slot.module.name, slot.resource.name))
 
-    def _record(self, recorded: list[Fact]) -> None:
-        self.facts += recorded
-        self.names.update({fact.id: fact.message for fact in recorded if isinstance(fact, Birth)})
-        self.fold.take(recorded)
+    def _record(self, entry: Entry) -> None:
+        self.facts += entry.facts
+        self.names.update({fact.id: fact.message for fact in entry.facts if isinstance(fact, Birth)})
+        with numbers_shown():
+            take_event(self.world, entry)
 
     # --- steps -------------------------------------------------------------------------------------------------------
 
@@ -189,7 +196,7 @@ class Exchange:
             else:
                 actor.number = number
         if not any(map(_declines, self.receive(line.name, header, step.body))):
-            self.fold.taken = TakenRequest(line.run.name, call_of(header))
+            self.taken = TakenRequest(line.run.name, call_of(header))
 
     def _check_lock(self, header: headers.Lock) -> None:
         """A module that is lost takes its resources along; one that nobody ever has is a mistake."""

@@ -11,10 +11,12 @@ from enum import StrEnum
 import msgspec
 
 from tca_central.events import ConnectionLost, Tick
+from tca_tools.check.records import MessageRecord
 from tca_tools.explore.errors import ScenarioError
-from tca_tools.explore.observed.messages import TrackedMessage
+from tca_tools.explore.observed.observer import Observer
 from tca_tools.explore.play.actors import Actor, ModuleLine, ModuleRun
 from tca_tools.explore.play.exchange import OBSERVER, Exchange, connection_of
+from tca_tools.explore.play.identifiers import numbers_shown
 from tca_tools.explore.play.inbox import SlotInbox
 from tca_tools.explore.scenario.scenario import Scenario
 from tca_tools.explore.scenario.steps import Given, Got, ScriptRun
@@ -70,7 +72,7 @@ class Play(Exchange):
         self.rivals = scenario.rivals()  #: by message: which may wait for the same resource
         self._started = dict.fromkeys(scenario.modules, 0)  #: how often
         if scenario.is_observed:
-            self.fold.states.told = {}
+            self.observer = Observer()
             name = OBSERVER.decode()
             self.receive(name, headers.Hello(self.next_number(), PROTOCOL_VERSION, name, name))
             self.receive(name, Observe(self.next_number()))
@@ -79,6 +81,7 @@ class Play(Exchange):
         self._start_all()
         if self.kills or self.suspensions:
             self.receive(SOMEBODY, headers.Hello(self.next_number(), PROTOCOL_VERSION, SOMEBODY, SOMEBODY))
+        self.broken = next(self._broken(), "")  #: the promise that central broke with the last action
 
     # --- possible actions --------------------------------------------------------------------------------------------
 
@@ -141,11 +144,11 @@ class Play(Exchange):
                 yield Action(ActionKind.SUSPEND, message, index, is_optional=True)
             yield from (Action(ActionKind.RESUME, message, index) for index, _ in enumerate(self.suspended[message]))
 
-    def killable(self, message: str) -> list[TrackedMessage]:
+    def killable(self, message: str) -> list[MessageRecord]:
         """The tasks of that message which somebody may kill."""
-        return [task for task in self.fold.tasks if task.message == message and not (task.is_killed or task.is_over)]
+        return [task for task in self.world.tasks if task.message == message and not (task.is_killed or task.is_over)]
 
-    def suspendable(self, message: str) -> list[TrackedMessage]:
+    def suspendable(self, message: str) -> list[MessageRecord]:
         """The tasks of that message which somebody may suspend."""
         return [task for task in self.killable(message) if not task.is_suspended]
 
@@ -153,14 +156,22 @@ class Play(Exchange):
 
     def perform(self, action: Action) -> None:
         """Let an action happen. Raises ScenarioError if a script can't go on, CentralFault if central can't."""
-        self.facts = []
-        self.fold.forget_what_is_over()
+        self.facts, self.taken = [], None
+        self.world.violations.clear()
+        self.world.forget()
         _PERFORM[action.kind](self, action)
         self._go_on()
-        self.fold.note_states()
+        self.broken = next(self._broken(), "")
+
+    def _broken(self) -> Iterator[str]:
+        """What is wrong with what central did."""
+        yield from (violation.what for violation in self.world.violations)
+        if self.observer is not None:
+            with numbers_shown():
+                yield from filter(None, [self.observer.breach(self.world)])
         for line in self.lines.values():
-            if line.inbox is not None:
-                self.fold.broken = self.fold.broken or self.unlike(line, line.inbox)
+            if line.inbox is not None and (wrong := self.unlike(line, line.inbox)):
+                yield wrong
 
     def _go_on(self) -> None:
         for line in list(self.lines.values()):
@@ -200,8 +211,8 @@ class Play(Exchange):
 
     def _pass_time(self, _: Action) -> None:
         assert self.next_time is not None
-        self.fold.passed = self.next_time - self.now
         self.now = self.next_time
+        self.world.go_to(self.now)
         self.handle(Tick(self.now))
 
     def _be_late(self, action: Action) -> None:
@@ -328,7 +339,7 @@ _PERFORM: dict[ActionKind, Callable[[Play, Action], None]] = {
 def outcome(play: Play) -> bytes:
     """What has been done, got and left in a run that ends, the same in all explorations."""
     unfinished = {name: [actor.digest() for actor in line.actors] for name, line in sorted(play.lines.items())}
-    left = sorted((seen.message, seen.body, seen.module) for seen in play.fold.seen.values() if not seen.is_over)
+    left = sorted((one.message, one.body, one.module) for one in play.world.messages if not one.is_over)
     return repr((sorted(play.lived.items()), unfinished, left, play.losses, play.kills, play.suspensions)).encode()
 
 
@@ -338,7 +349,7 @@ Waiting = tuple[int] | tuple[Actor, ScriptRun]
 
 def waiting(play: Play) -> list[Waiting]:
     """The tasks that wait by themselves, not for what is under them, oldest first; and the scripts."""
-    tasks = play.fold.tasks
+    tasks = play.world.tasks
     parents = {task.parent_id for task in tasks if not task.is_over}
     return [
         *((task.id,) for task in tasks if _waits(task) and task.id not in parents),
@@ -353,6 +364,6 @@ def carried(before: Sequence[Waiting], play: Play) -> tuple[int, ...]:
     return tuple(now.index(one) if one in now else -1 for one in before)
 
 
-def _waits(task: TrackedMessage) -> bool:
+def _waits(task: MessageRecord) -> bool:
     """Central itself carries monitors out: they go on, and do not wait."""
     return not (task.is_over or task.is_handled or task.message_class.is_monitor)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from tca_tools.explore.observed.messages import TrackedMessage
+from tca_tools.check.records import MessageRecord
 from tca_tools.explore.play.actors import Actor, ModuleLine
 from tca_tools.explore.play.identifiers import renamed
 from tca_tools.explore.play.play import Action, ActionKind, Play, Waiting
@@ -21,7 +21,7 @@ def describe(play: Play, action: Action) -> str:
 
 def unfinished(play: Play) -> tuple[str, ...]:
     """The tasks and scripts that have not ended, and what they wait for."""
-    tasks = [_left(play, task) for task in play.fold.tasks if not task.is_over]
+    tasks = [_left(play, task) for task in play.world.tasks if not task.is_over]
     return (*tasks, *(_stuck(play, line, actor) for line in play.lines.values() for actor in line.actors
                       if actor.step is not None))  # fmt: skip
 
@@ -29,7 +29,7 @@ def unfinished(play: Play) -> tuple[str, ...]:
 def left_behind(play: Play, one: Waiting) -> str:
     """One that waits for ever, and what for."""
     if isinstance(one[0], int):
-        return _left(play, play.fold.seen[one[0]])
+        return _left(play, play.world.items[one[0]])
     actor = one[0]
     return _stuck(play, next(line for line in play.lines.values() if actor in line.actors), actor)
 
@@ -38,8 +38,8 @@ def _stuck(play: Play, line: ModuleLine, actor: Actor) -> str:
     return f"{_who(line, actor, play)} {_waiting(play, actor, actor.step)}"
 
 
-def _left(play: Play, task: TrackedMessage) -> str:
-    return f"{task} has not ended: {_standing(play, task)}"
+def _left(play: Play, task: MessageRecord) -> str:
+    return f"{_name(play, task.id)} has not ended: {_standing(play, task)}"
 
 
 # --- actions ---------------------------------------------------------------------------------------------------------
@@ -103,8 +103,10 @@ _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
     ActionKind.BREAK: _break,
     ActionKind.LEAVE: lambda _, action: f"{action.name} begins to leave",
     ActionKind.BYE: lambda _, action: f"{action.name} says goodbye",
-    ActionKind.KILL: lambda play, action: f"somebody kills {play.killable(action.name)[action.index]}",
-    ActionKind.SUSPEND: lambda play, action: f"somebody suspends {play.suspendable(action.name)[action.index]}",
+    ActionKind.KILL: lambda play, action: f"somebody kills {_name(play, play.killable(action.name)[action.index].id)}",
+    ActionKind.SUSPEND: lambda play, action: (
+        f"somebody suspends {_name(play, play.suspendable(action.name)[action.index].id)}"
+    ),
     ActionKind.RESUME: lambda play, action: (
         f"somebody resumes {_name(play, play.suspended[action.name][action.index])}"
     ),
@@ -164,10 +166,10 @@ _DO: dict[type, Callable[[Play, Actor, Any], str]] = {
 }
 
 
-def _standing(play: Play, task: TrackedMessage) -> str:
+def _standing(play: Play, task: MessageRecord) -> str:
     reached = ", ".join(describe_moments(task.reached)) or "nothing reached"
-    after = [point_in_words(point, lambda task: _name(play, task))
-             for _, point in task.after if not play.fold.is_past(point)]  # fmt: skip
+    after = [point_in_words(hold.constraint.before, lambda task: _name(play, task))
+             for hold in task.holds if not (hold.is_met or hold.constraint.delay)]  # fmt: skip
     parts = [
         reached,
         f"failed: {task.failure}" if task.failure else "",

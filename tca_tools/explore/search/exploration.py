@@ -159,8 +159,8 @@ class _Exploration:
     ) -> Violation | None:
         """A state is reached: check it, and remember it if it is new."""
         state = SearchState(before, action, before.memories if before else (0,) * len(self.properties))
-        if play.fold.broken:
-            return Violation("what central promises", play.fold.broken, state.actions())
+        if play.broken:
+            return Violation("what central promises", play.broken, state.actions())
         if violation := self._judge(state, play, before.order if before else ()):
             return violation
         key, state.order = recognised(play, state.memories, self.detail)
@@ -191,7 +191,8 @@ class _Exploration:
 
     def _judge(self, state: SearchState, play: Play, order: tuple[int, ...]) -> Violation | None:
         """The first violation of a property in a state; stores the memories of the properties."""
-        world = World(play.fold, {message: place for place, message in enumerate(order)}, self._look_at_time)
+        places = {message: place for place, message in enumerate(order)}
+        world = World(play.world, places, play.taken, self._look_at_time)
         memories = []
         for number, (one, memory) in enumerate(zip(self.properties, state.memories, strict=True)):
             try:

@@ -15,10 +15,10 @@ from operator import attrgetter, itemgetter
 from typing import Any, TypeVar
 
 import msgspec
-from msgspec.structs import replace
 
 from tca_central.model.deliveries import MessageType, Module
-from tca_tools.explore.observed.messages import TrackedMessage
+from tca_tools.check.records import Hold, MessageRecord
+from tca_tools.explore.observed.world import SEEN
 from tca_tools.explore.play.actors import Actor
 from tca_tools.explore.play.exchange import connection_of
 from tca_tools.explore.play.identifiers import Identifier
@@ -89,6 +89,10 @@ IGNORED = {
     "MessagesAhead": {"_clock", "_out"},
 }  # fmt: skip
 """By class: attributes that cannot influence what happens next."""
+
+
+OF_LAST_ACTION = {"is_over", "is_new", "is_retried", "has_fired"}
+"""What properties see of a message for one action only."""
 
 
 class Detail(msgspec.Struct, frozen=True):
@@ -385,19 +389,25 @@ def _add_outcomes(walk: _Walk, play: Play) -> None:
 
 def _add_seen(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:
     """Add the state that properties see; return the messages in the order in which they were added."""
-    known = {walk.number_of_name(seen.id): seen for seen in play.fold.seen.values() if not seen.is_over}
+    known = {walk.number_of_name(item.id): item for item in play.world.messages if not item.is_over}
     if detail.names:
         walk.add(list(known))  # oldest first
     for number in sorted(known):
-        seen = known[number]
-        walk.add(_out_of_time(seen))
-        walk.add([(moment, round(at - play.now, _DIGITS)) for moment, at in seen.not_before if at > play.now])
-    held_by = play.fold.held_by
+        _add_message(walk, known[number], play.now)
+    held_by = play.world.held_by
     walk.add([(*key, held_by[key].sender, held_by[key].is_reserved) for key in sorted(held_by)])
-    walk.add(sorted(play.fold.modules))
+    walk.add(sorted(play.world.modules))
     return tuple(known[number].id for number in sorted(known))
 
 
-def _out_of_time(seen: TrackedMessage) -> TrackedMessage:
-    """The message without times and without marks of the last action."""
-    return replace(seen, not_before=(), is_new=False, is_retried=False, has_fired=False)
+def _add_message(walk: _Walk, item: MessageRecord, now: float) -> None:
+    """Add all of a message that properties see, and what the rules hold against it later."""
+    walk.add([item.id, item.parent_id, item.about, item.sent_by, item.never_began, item.has_resolved])
+    walk.add([item.recovering, *(getattr(item, name) for name in SEEN if name not in OF_LAST_ACTION)])
+    walk.add([_out_of_time(hold, now) for hold in item.holds if not hold.is_over])
+
+
+def _out_of_time(hold: Hold, now: float) -> list[Any]:
+    """A constraint; if its delay has begun, with how much of that is left."""
+    left = None if hold.due is None else round(hold.due - now, _DIGITS)
+    return [hold.moment, hold.constraint.before, hold.constraint.delay if left is None else left]

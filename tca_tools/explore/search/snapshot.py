@@ -1,8 +1,8 @@
 """A play as bytes, to go on from it more than once: faster than playing it again, however long the run.
 
 Pickle copies what a play holds, except what all plays share (the scenario, its programs, what scripts have lived, the
-rules of tasks): that is named by its number in memory, so snapshots are good for this process only. Functions inside
-central that know their central are made anew for the copy.
+rules and life cycles of tasks): that is named by its number in memory, so snapshots are good for this process only.
+Functions inside central that know their central are made anew for the copy.
 """
 
 import io
@@ -19,10 +19,11 @@ from tca_tools.explore.play.play import Play
 from tca_tools.explore.scenario.scenario import Scenario, ScenarioModule
 from tca_tools.explore.scenario.script import Program
 from tca_tools.explore.scenario.steps import Branch, ScriptRun
+from tca_wire.life_cycles import LifeCycle
 from tca_wire.messages.declarations import Message
 from tca_wire.rules import TaskRules
 
-_SHARED = (Scenario, ScenarioModule, Program, ScriptRun, Branch, Message, TaskRules, CodeType, FunctionType)
+_SHARED = (Scenario, ScenarioModule, Program, ScriptRun, Branch, Message, LifeCycle, TaskRules, CodeType, FunctionType)
 
 _EMPTY: dict[type, Callable[[], Any]] = {type(Lock()): Lock, WeakValueDictionary: WeakValueDictionary}
 """Of a slot's session: nothing of a scenario is in these."""

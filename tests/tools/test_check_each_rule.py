@@ -1,0 +1,141 @@
+"""Rules by themselves: a few facts, whatever others they break, of which the last breaks one."""
+
+from typing import Any
+
+import pytest
+
+from tca_tools.check import rules
+from tca_tools.check.events import take_event
+from tca_tools.check.world import JournalWorld
+from tca_wire.constraints import Constraint
+from tca_wire.journal.facts import (
+    Claimed,
+    Constrained,
+    Delivered,
+    Entry,
+    Fact,
+    Granted,
+    Killed,
+    Queued,
+    Reached,
+    Received,
+    Returned,
+    SuspendedOrResumed,
+    TapAdded,
+    TapFired,
+)
+from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_wire.vocabulary import Condition, MessageClass, Outcome, Role
+
+NIL = b"\xc0"
+SH, EH = Moment.START_HANDLING, Moment.END_HANDLING
+SP, EP = Moment.START_PLANNING, Moment.END_PLANNING
+SA, EA = Moment.START_ACHIEVING, Moment.END_ACHIEVING
+
+
+def born(number: int, *, parent: int = 0, kind: MessageClass = MessageClass.GOAL, **more: Any) -> Received:
+    sender, constraints = more.pop("sender", "user"), more.pop("constraints", [])
+    return Received(number, f"m{number}", kind, sender, TaskId(parent), 0, False, NIL, constraints, **more)
+
+
+def given(number: int, delivery: int = 0, module: str = "legs") -> Delivered:
+    return Delivered(delivery or number, number, module, module)
+
+
+def reached(number: int, *moments: Moment) -> Reached:
+    return Reached(TaskId(number), sum(map(int, moments)))
+
+
+def ended(number: int) -> Returned:
+    return Returned(number, Outcome.DONE, NIL)
+
+
+def after(one: int, moment: Moment, other: int, then: Moment, delay: float = 0) -> Constraint:
+    return Constraint(Point(TaskId(one), moment), Point(TaskId(other), then), delay)
+
+
+def broken(*told: Fact | float) -> set[str]:
+    """The rules that the last of these facts, each an event, is against; a number is the time from then on."""
+    world, now = JournalWorld([], is_whole=True), 0.0
+    for number, one in enumerate(told):
+        if isinstance(one, int | float):
+            now = one
+        else:
+            world.violations.clear()
+            take_event(world, Entry(number, now, [one]))
+    return {violation.rule for violation in world.violations}
+
+
+INFORM, COMMAND = MessageClass.INFORM, MessageClass.COMMAND
+Told = list[Fact | float]
+CHILD: Told = [born(1), given(1), reached(1, SH, SP), born(2, parent=1)]
+TWO: Told = [born(1), born(2)]
+LOCKED: Told = [Claimed(9, "legs", "legs", False, "planner", 0), Granted(9)]
+RESERVED: Told = [Claimed(9, "legs", "legs", True, "planner", 0), Granted(9)]
+
+BROKEN: dict[str, tuple[Told, rules.Rule]] = {
+    "a child's achieving starts before its parent's": (
+        [*CHILD, reached(2, SA)], rules.FAMILY),
+    "a child's planning starts before its parent's": (
+        [born(1), born(2, parent=1), reached(2, SP)], rules.FAMILY),
+    "a parent's planning ends before its child's": (
+        [*CHILD, reached(1, EP)], rules.FAMILY),
+    "a parent's achieving ends before its child's": (
+        [*CHILD, reached(2, EP), reached(1, EA)], rules.FAMILY),
+    "also where the parent was killed": (
+        [*CHILD, Killed(TaskId(1), "why"), reached(1, EA)], rules.FAMILY),
+    "a task ends before its handler": (
+        [born(1), given(1), reached(1, SH, EH, SP, EP, SA, EA)], rules.ONE_HANDLER),
+    "a constraint": (
+        [*TWO, Constrained([after(1, EA, 2, SA)]), reached(1, EP), reached(2, SA)], rules.CONSTRAINT),
+    "a constraint that came with the message": (
+        [born(1), born(2, constraints=[after(1, EA, 2, SA)]), reached(2, SA)], rules.CONSTRAINT),
+    "a delay that has not begun": (
+        [*TWO, Constrained([after(1, EA, 2, SA, 2.0)]), 9.0, reached(2, SA)], rules.CONSTRAINT),
+    "a delay that is not over": (
+        [*TWO, Constrained([after(1, EA, 2, SA, 2.0)]), 1.0, reached(1, EA), 2.9, reached(2, SA)], rules.CONSTRAINT),
+    "a delay after what was killed when it had begun": (
+        [*TWO, Constrained([after(1, EA, 2, SA, 2.0)]), reached(1, SA), Killed(TaskId(1), "why"), reached(1, EA),
+         reached(2, SA)], rules.CONSTRAINT),
+    "a delay from now that is not over": (
+        [born(1, constraints=[after(ROOT, EA, 1, SA, 2.0)]), 1.5, reached(1, SA)], rules.CONSTRAINT),
+    "a handler comes before what its handling comes after": (
+        [*TWO, Constrained([after(1, EA, 2, SH)]), given(2)], rules.CONSTRAINT),
+    "a wiretap's listener is not waited for": (
+        [TapAdded(7, Condition.BEFORE_HANDLING, "m2", "m1", ROOT, "safety"), born(1), born(2, role=Role.LISTENER, about=1),
+         TapFired(7, 1, 2), given(1)], rules.CONSTRAINT),
+    "nor before the planning": (
+        [TapAdded(7, Condition.BEFORE_PLANNING, "m2", "m1", ROOT, "safety"), born(1), born(2, role=Role.LISTENER, about=1),
+         TapFired(7, 1, 2), reached(1, SP)], rules.CONSTRAINT),
+    "nor before the achieving": (
+        [TapAdded(7, Condition.BEFORE_ACHIEVING, "m2", "m1", ROOT, "safety"), born(1), born(2, role=Role.LISTENER, about=1),
+         TapFired(7, 1, 2), reached(1, SA)], rules.CONSTRAINT),
+    "somebody gets in where others have locked": (
+        [*LOCKED, born(1), given(1)], rules.LOCKED),
+    "also he who has locked": (
+        [*LOCKED, born(1, sender="planner"), given(1)], rules.LOCKED),
+    "somebody gets in where others have reserved": (
+        [*RESERVED, born(1), given(1)], rules.LOCKED),
+    "somebody gets a message twice": (
+        [born(1), given(1), given(1, delivery=3)], rules.ONE_HANDLER),
+    "what is suspended is started": (
+        [born(1), SuspendedOrResumed(TaskId(1), True), given(1)], rules.SUSPENDED),
+    "what is under what is suspended is started": (
+        [*CHILD, SuspendedOrResumed(TaskId(1), True), given(2)], rules.SUSPENDED),
+    "what is sent under what is suspended is started": (
+        [born(1), SuspendedOrResumed(TaskId(1), True), born(2, parent=1), given(2)], rules.SUSPENDED),
+    "what was killed is started": (
+        [born(1), Killed(TaskId(1), "why"), given(1)], rules.KILLED),
+    "a handler ends twice": (
+        [born(1), given(1), ended(1), ended(1)], rules.RETURNED),
+    "a handler ends of what there is not": (
+        [ended(5)], rules.KNOWN),
+    "a handler ends of what only waits": (
+        [born(1, kind=INFORM), Queued(1, 1, "legs", "legs"), ended(1)], rules.RETURNED),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_rule_that_is_broken(case: str) -> None:
+    told, rule = BROKEN[case]
+    assert rule.text in broken(*told)
