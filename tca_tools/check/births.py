@@ -7,9 +7,8 @@ from tca_tools.check.rules import CONSTRAINT, DELAY, NUMBERS, ORDER, PARENT, PLA
 from tca_tools.check.world import JournalWorld
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
-from tca_wire.points import ROOT, START_ACHIEVING, START_HANDLING, START_PLANNING, describe_moments
+from tca_wire.points import ROOT
 from tca_wire.rules import NO_GOAL
-from tca_wire.text.measures import duration, run_time
 from tca_wire.vocabulary import Role
 
 ROUNDING = 1e-9
@@ -126,33 +125,3 @@ def timed_out(world: JournalWorld, after: MessageRecord, fact: facts.TimedOut) -
         world.broken(DELAY, after, f"got past a delay before that began: {constraint}")
     elif hold.due is not None and world.now < hold.due - ROUNDING:
         world.broken(DELAY, after, f"got past a delay {hold.due - world.now:.6g} s too early: {constraint}")
-
-
-def not_met(item: MessageRecord, moments: int) -> str:
-    """The constraints on those moments that are not met yet, in words."""
-    return ", ".join([_said(hold) for hold in item.holds if hold.moment & moments and not hold.is_met])
-
-
-def is_delayed(item: MessageRecord) -> bool:
-    """Whether a goal is not planned before it is achieved."""
-    return any(hold.before is item and hold.moment & (START_HANDLING | START_PLANNING) for hold in item.holds)
-
-
-def not_startable(item: MessageRecord) -> str:
-    """The conditions missing for a task's start, in words; its planning may have to wait for its achieving."""
-    if not item.holds:
-        return ""
-    first = START_HANDLING | (START_PLANNING if item.is_goal else START_ACHIEVING)
-    if is_delayed(item):
-        first |= START_ACHIEVING
-    unmet = [hold for hold in item.holds if hold.moment & first and hold.before is not item and not hold.is_met]
-    return ", ".join(map(_said, unmet))
-
-
-def _said(hold: Hold) -> str:
-    constraint = hold.constraint
-    if constraint.before.task == ROOT:
-        return run_time(constraint.delay)
-    delay = f"{duration(constraint.delay)} after " if constraint.delay else ""
-    moments = ", ".join(describe_moments(constraint.before.moment))
-    return f"{delay}{moments} of {hold.before or constraint.before.task}"

@@ -1,9 +1,9 @@
 """Messages on their way: queued, given to one handler, returned; and the capacity and locks of resources."""
 
 from tca_tools.check import lives, rules
-from tca_tools.check.births import not_met, not_startable
 from tca_tools.check.failing import failed as failed_task
 from tca_tools.check.missions import check_status
+from tca_tools.check.order import first_moments, not_met, too_early
 from tca_tools.check.presence import claim_in_words
 from tca_tools.check.records import MessageRecord, ResourceRecord
 from tca_tools.check.taps import answered as condition_answered
@@ -11,7 +11,7 @@ from tca_tools.check.taps import check_fired
 from tca_tools.check.world import JournalWorld, said
 from tca_wire.journal import facts
 from tca_wire.messages.failures import REJECTED
-from tca_wire.points import START_ACHIEVING, START_HANDLING, START_PLANNING
+from tca_wire.points import START_HANDLING
 from tca_wire.vocabulary import Outcome, Role
 
 
@@ -86,19 +86,16 @@ def _may_be_begun(world: JournalWorld, item: MessageRecord, what: str) -> None:
 def _task_may_be_begun(world: JournalWorld, item: MessageRecord, what: str) -> None:
     if item.is_over or item.is_killed:
         world.broken(rules.KILLED, item, f"{what}, and {'is over' if item.is_over else 'is killed'}")
-    elif item.is_suspended and not item.is_orphan:
-        world.broken(rules.SUSPENDED, item, f"{what} while it is suspended")
-    if item.reached & START_HANDLING:
-        if item.returned or item.deciding:
-            world.broken(rules.RETURNED, item, f"{what}, and was handled before")
-        if missing := not_met(item, START_HANDLING):
-            world.broken(rules.TAPPED, item, f"{what} once more before {missing}")
+    if not item.reached & START_HANDLING:
+        for rule, why in too_early(world, item, first_moments(item), item.reached):
+            world.broken(rule, item, f"{what} {why}")
         return
-    start = START_PLANNING if item.is_goal else START_ACHIEVING
-    if missing := not_startable(item):
-        world.broken(rules.CONSTRAINT, item, f"{what} before {missing}")
-    if item.parent is not None and not item.role and not item.parent.reached & start:
-        world.broken(rules.FAMILY, item, f"{what} before {item.parent}, under which it is, was begun")
+    if item.is_suspended and not item.is_orphan:
+        world.broken(rules.SUSPENDED, item, f"{what} while it was suspended")
+    if item.returned or item.deciding:
+        world.broken(rules.RETURNED, item, f"{what}, and was handled before")
+    if missing := not_met(item, START_HANDLING):
+        world.broken(rules.TAPPED, item, f"{what} once more before {missing}")
 
 
 def _leave_lost(world: JournalWorld, item: MessageRecord, what: str) -> None:

@@ -1,8 +1,8 @@
-"""The order of moments: within a task, by constraints, after the parent's starts and the children's ends."""
+"""Tasks reach moments, others wait for these, and each event brings a task as far as it can come."""
 
 from tca_tools.check import lives, rules
-from tca_tools.check.births import is_delayed, not_met, not_startable
 from tca_tools.check.failing import handler_ended
+from tca_tools.check.order import in_words, next_moments, too_early
 from tca_tools.check.presence import claim_in_words
 from tca_tools.check.records import MessageRecord
 from tca_tools.check.taps import check_fired, check_watchers, forget_task
@@ -12,19 +12,16 @@ from tca_wire.messages.failures import REJECTED
 from tca_wire.points import (
     ALL_MOMENTS,
     END_ACHIEVING,
-    END_HANDLING,
     END_PLANNING,
     START_ACHIEVING,
     START_HANDLING,
     START_PLANNING,
-    describe_moments,
     start_of,
 )
-from tca_wire.rules import PARENT_FIRST, rules_of
 from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitKind
 
-_REACHED = [f"reached {', '.join(describe_moments(moments))}" for moments in range(ALL_MOMENTS + 1)]
+_REACHED = [f"reached {in_words(moments)}" for moments in range(ALL_MOMENTS + 1)]
 
 
 def reached(world: JournalWorld, fact: facts.Reached) -> None:
@@ -34,17 +31,24 @@ def reached(world: JournalWorld, fact: facts.Reached) -> None:
     if item is None:
         return
     if twice := item.reached & moments:
-        world.broken(rules.ONCE, item, f"reached {_words(twice)} a second time")
+        world.broken(rules.ONCE, item, f"{_REACHED[twice]} a second time")
         moments &= ~twice
     before, item.reached = item.reached, item.reached | moments
-    if not item.is_stranger:
-        _check_order(world, item, moments)
-        if not item.is_killed:
-            _check_starts(world, item, moments, before)
-            check_fired(world, item, moments)
-    if moments & (END_HANDLING | END_PLANNING | END_ACHIEVING):
-        _check_ends(world, item, moments)
+    for rule, why in too_early(world, item, moments, before):
+        world.broken(rule, item, f"{_REACHED[moments]} {why}")
+    if not (item.is_stranger or item.is_killed):
+        check_fired(world, item, moments)
+        if moments & START_HANDLING:
+            _begin(world, item)
     _go_on(world, item, moments)
+
+
+def _begin(world: JournalWorld, item: MessageRecord) -> None:
+    """A task is begun."""
+    item.begun_in = world.event
+    if item.place is None and not item.message_class.is_monitor:
+        what = "was begun, and no handler has it"
+        world.expect(lambda: item.failure == REJECTED, rules.ONE_HANDLER, item, what)
 
 
 def _go_on(world: JournalWorld, item: MessageRecord, moments: int) -> None:
@@ -64,57 +68,6 @@ def _go_on(world: JournalWorld, item: MessageRecord, moments: int) -> None:
         world.later.append(lambda: check_waits(world, item))
     if item.reached == ALL_MOMENTS:
         _end(world, item)
-
-
-def _words(moments: int) -> str:
-    return ", ".join(describe_moments(moments))
-
-
-def _check_order(world: JournalWorld, item: MessageRecord, moments: int) -> None:
-    for moment, needed in rules_of(item.is_goal).no_later.items():
-        if moments & moment and (missing := (needed | rules_of(item.is_goal).at_birth) & ~item.reached):
-            rule = rules.COMMAND if moment in (START_HANDLING, START_ACHIEVING, START_PLANNING) else rules.ORDER
-            world.broken(rule, item, f"reached {_words(moment)} before {_words(missing)}")
-
-
-def _check_starts(world: JournalWorld, item: MessageRecord, moments: int, before: int) -> None:
-    if missing := not_met(item, moments):
-        world.broken(rules.CONSTRAINT, item, f"reached {_words(moments)} before {missing}")
-    parent = item.parent
-    starts = PARENT_FIRST & ~rules_of(item.is_goal).at_birth
-    if parent is not None and not item.role and (early := moments & starts & ~parent.reached):
-        world.broken(rules.FAMILY, item, f"reached {_words(early)} before {parent}, under which it is, did")
-    if moments & START_HANDLING:
-        if item.is_suspended and not item.is_orphan:
-            world.broken(rules.SUSPENDED, item, "was begun while it was suspended")
-        if item.place is None and not item.message_class.is_monitor:
-            what = "was begun, and no handler has it"
-            world.expect(lambda: item.failure == REJECTED, rules.ONE_HANDLER, item, what)
-        item.begun_in = world.event
-    if moments & END_HANDLING and before & START_HANDLING:
-        _check_handled(world, item)
-
-
-def _check_handled(world: JournalWorld, item: MessageRecord) -> None:
-    """Check that the handler has returned and its failure has been dealt with."""
-    if item.deciding:
-        what = f"was handled while {world.name(item.deciding)} had not dealt with its failure"
-        world.broken(rules.RECOVERED, item, what)
-    elif item.again:
-        world.broken(rules.SETTLED, item, "was handled, and is to be handled again")
-    elif not item.returned and not (item.message_class.is_monitor and item.begun_in == world.event):
-        world.broken(rules.RETURNED, item, "was handled, and its handler has not returned")
-
-
-def _check_ends(world: JournalWorld, item: MessageRecord, moments: int) -> None:
-    if item.place is not None:
-        world.broken(rules.ONE_HANDLER, item, f"reached {_words(moments)} while a handler had it")
-    if moments & END_ACHIEVING and item.children:
-        child = next(iter(item.children.values()))
-        world.broken(rules.FAMILY, item, f"ended before {child}, which is under it")
-    elif moments & END_PLANNING and item.unplanned and item.is_goal:
-        late = next(child for child in item.children.values() if child.is_goal and not child.reached & END_PLANNING)
-        world.broken(rules.FAMILY, item, f"was planned before {late}, which is under it")
 
 
 def _end(world: JournalWorld, item: MessageRecord) -> None:
@@ -169,8 +122,8 @@ def check_waits(world: JournalWorld, item: MessageRecord) -> None:
     for key in item.waiters:
         for moment in world.waits.get(key, ()):
             if item.reached & moment:
-                words = ", ".join(describe_moments(moment))
-                world.broken(rules.WAITS, item.id, f"'{key[0]}' still waits for {words} of {item}, which is past")
+                what = f"'{key[0]}' still waits for {in_words(moment)} of {item}, which is past"
+                world.broken(rules.WAITS, item.id, what)
 
 
 # --- no event ends while a task that it touched could still go on ----------------------------------------------------
@@ -184,49 +137,9 @@ def check_settled(world: JournalWorld) -> None:
                 what = f"is over, and {claim_in_words(claim)}, which was made for it, is not"
                 world.broken(rules.GRANTED, item, what)
         elif item.is_task and not item.is_stranger:
-            moment = _killed_moment(item) if item.is_killed else _moment(item)
-            if moment:
-                words = ", ".join(describe_moments(moment))
-                world.broken(rules.SETTLED, item.id, f"nothing keeps {item} from {words}, and it does not reach that")
-            check_watchers(world, item)
-
-
-def _killed_moment(item: MessageRecord) -> int:
-    """Check that a killed task waits only for the handlers below it."""
-    if item.place is not None:
-        return 0
-    missing = (START_HANDLING | START_PLANNING | START_ACHIEVING | END_HANDLING) & ~item.reached
-    return missing or (0 if item.children else END_ACHIEVING)
-
-
-def _first_moment(item: MessageRecord) -> int:
-    """Check that a task that waits for nothing has started."""
-    if item.is_queued or item.is_suspended or item.is_orphan or not_startable(item):
-        return 0
-    start = START_PLANNING if item.is_goal else START_ACHIEVING
-    needed = start | (START_ACHIEVING if is_delayed(item) else 0)
-    is_free = item.role or item.parent is None or item.parent.reached & needed == needed
-    return start if is_free else 0
-
-
-def _moment(item: MessageRecord) -> int:
-    """Check that a moment that nothing holds back has been reached."""
-    reached = item.reached
-    if not reached & START_HANDLING:
-        return _first_moment(item)
-    if item.is_goal and not reached & START_ACHIEVING and not (item.is_orphan and item.parent is None):
-        is_free = item.role or item.parent is None or item.parent.reached & START_ACHIEVING
-        if is_free and not not_met(item, START_ACHIEVING):
-            return START_ACHIEVING
-    return _end_moment(item) if item.returned and item.place is None else 0
-
-
-def _end_moment(item: MessageRecord) -> int:
-    """The next end moment of a task whose handler is done."""
-    if not item.reached & END_HANDLING:
-        end, is_open = END_HANDLING, False
-    elif not item.reached & END_PLANNING:
-        end, is_open = END_PLANNING, bool(item.unplanned)
-    else:
-        end, is_open = END_ACHIEVING, bool(item.children) or not item.reached & START_ACHIEVING
-    return 0 if is_open or not_met(item, end) else end
+            for moments in next_moments(item):
+                if not too_early(world, item, moments, item.reached):
+                    what = f"nothing keeps {item} from {in_words(moments)}, and it does not reach that"
+                    world.broken(rules.SETTLED, item.id, what)
+            if item.watchers:
+                check_watchers(world, item)

@@ -182,11 +182,11 @@ class JournalWorld:
 
     def known(self, number: int) -> MessageRecord | None:
         """The message under way of that number, or of the newest delivery of that number."""
-        return self.deliveries.get(number) or self.items.get(number)
+        return self.items.get(number) or self.deliveries.get(number)
 
     def item(self, number: int, what: str) -> MessageRecord | None:
         """The message under way of that number, to which *what* happens; None, with a complaint if it can't."""
-        item = self.known(number)
+        item = self.items.get(number) or self.deliveries.get(number)
         if item is not None:
             self.touched[item] = None
             return item

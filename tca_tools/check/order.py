@@ -1,0 +1,137 @@
+"""What keeps a task from its moments: their order, constraints, what it is under, what is under it, and its handler.
+
+A moment that comes in spite of these is too early; one that does not come without any of them is missed.
+"""
+
+from collections.abc import Iterator
+from functools import reduce
+from operator import or_
+
+from tca_tools.check import rules
+from tca_tools.check.records import Hold, MessageRecord
+from tca_tools.check.rules import Rule
+from tca_tools.check.world import JournalWorld
+from tca_wire.points import (
+    ALL_MOMENTS,
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    MOMENTS,
+    ROOT,
+    START_ACHIEVING,
+    START_HANDLING,
+    STARTS,
+    describe_moments,
+)
+from tca_wire.rules import GOAL, NO_GOAL, PARENT_FIRST, TaskRules, rules_of
+from tca_wire.text.measures import duration, run_time
+
+_ENDS = (END_HANDLING, END_PLANNING, END_ACHIEVING)
+
+
+def _needed(of: TaskRules, moments: int) -> int:
+    return reduce(or_, [of.no_later[moment] | of.at_birth for moment in of.no_later if moments & moment], 0)
+
+
+_NEEDED = [[_needed(of, moments) for moments in range(ALL_MOMENTS + 1)] for of in (NO_GOAL, GOAL)]
+"""Whether it is a goal, and moments: all that are reached no later than these."""
+_PARENT_FIRST = [PARENT_FIRST & ~of.at_birth for of in (NO_GOAL, GOAL)]
+
+
+def in_words(moments: int) -> str:
+    """Moments in words."""
+    return ", ".join(describe_moments(moments))
+
+
+def next_moments(item: MessageRecord) -> Iterator[int]:
+    """What a task reaches next of itself, unless it is too early: moments that come together."""
+    reached = item.reached
+    if item.is_killed:
+        if item.place is None:
+            yield (STARTS | END_HANDLING) & ~reached or ALL_MOMENTS & ~reached
+    elif not reached & START_HANDLING:
+        if not (item.is_queued or item.is_suspended or item.is_orphan):
+            yield first_moments(item)
+    else:
+        if item.is_goal and not reached & START_ACHIEVING and not (item.is_orphan and item.parent is None):
+            yield START_ACHIEVING
+        if item.returned and item.place is None:
+            yield from [end for end in _ENDS if not reached & end][:1]
+
+
+def first_moments(item: MessageRecord) -> int:
+    """The moments that a task reaches when a handler gets it. A goal may have to wait for its achieving."""
+    first = rules_of(item.is_goal).delivery
+    for hold in item.holds:
+        if hold.before is item and hold.moment & first:
+            return first | START_ACHIEVING
+    return first
+
+
+def too_early(world: JournalWorld, item: MessageRecord, moments: int, before: int) -> list[tuple[Rule, str]]:
+    """What keeps a task, which has reached those *before*, from moments that come together: by which rule, in words."""
+    found: list[tuple[Rule, str]] = []
+    if not item.is_stranger:
+        if _NEEDED[item.is_goal][moments] & ~(before | moments):
+            found += _out_of_order(item.is_goal, moments, before | moments)
+        if not item.is_killed:
+            _add_held_back(found, item, moments)
+            if moments & END_HANDLING and before & START_HANDLING:
+                found += _not_handled(world, item)
+    if item.place is not None and moments & (END_HANDLING | END_PLANNING | END_ACHIEVING):
+        found.append((rules.ONE_HANDLER, "while a handler had it"))
+    if item.children and (child := _first_below(item, moments)) is not None:
+        found.append((rules.FAMILY, f"before {child}, which is under it"))
+    return found
+
+
+def _out_of_order(is_goal: bool, moments: int, reached: int) -> Iterator[tuple[Rule, str]]:
+    for moment in MOMENTS:
+        if moments & moment and (missing := _NEEDED[is_goal][moment] & ~reached):
+            yield rules.COMMAND if moment & STARTS else rules.ORDER, f"before {in_words(missing)}"
+
+
+def _add_held_back(found: list[tuple[Rule, str]], item: MessageRecord, moments: int) -> None:
+    if item.holds and (missing := not_met(item, moments)):
+        found.append((rules.CONSTRAINT, f"before {missing}"))
+    parent = item.parent
+    if parent is not None and moments & _PARENT_FIRST[item.is_goal] & ~parent.reached and not item.role:
+        found.append((rules.FAMILY, f"before the start of {parent}, under which it is"))
+    if moments & START_HANDLING and item.is_suspended and not item.is_orphan:
+        found.append((rules.SUSPENDED, "while it was suspended"))
+
+
+def _not_handled(world: JournalWorld, item: MessageRecord) -> Iterator[tuple[Rule, str]]:
+    """The handler must have returned, and its failure must have been dealt with."""
+    if item.deciding:
+        yield rules.RECOVERED, f"while {world.name(item.deciding)} had not dealt with its failure"
+    elif item.again:
+        yield rules.SETTLED, "though it is to be handled again"
+    elif not item.returned and not (item.message_class.is_monitor and item.begun_in == world.event):
+        yield rules.RETURNED, "before its handler returned"
+
+
+def _first_below(item: MessageRecord, moments: int) -> MessageRecord | None:
+    """A task under it that must come first."""
+    if moments & END_ACHIEVING:
+        return next(iter(item.children.values()))
+    goals = item.children.values() if moments & END_PLANNING and item.is_goal and item.unplanned else ()
+    return next((child for child in goals if child.is_goal and not child.reached & END_PLANNING), None)
+
+
+def not_met(item: MessageRecord, moments: int) -> str:
+    """The constraints on moments that come together that are not met yet, in words."""
+    said = [
+        _said(hold)
+        for hold in item.holds
+        if hold.moment & moments and not hold.is_met and not (hold.before is item and hold.needs & moments)
+    ]
+    return ", ".join(said)
+
+
+def _said(hold: Hold) -> str:
+    constraint = hold.constraint
+    if constraint.before.task == ROOT:
+        return run_time(constraint.delay)
+    delay = f"{duration(constraint.delay)} after " if constraint.delay else ""
+    return f"{delay}{in_words(constraint.before.moment)} of {hold.before or constraint.before.task}"
