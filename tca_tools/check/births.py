@@ -3,7 +3,7 @@
 from tca_tools.check import lives
 from tca_tools.check.failing import check_below
 from tca_tools.check.records import Hold, MessageRecord
-from tca_tools.check.rules import CONSTRAINT, DELAY, NUMBERS, ORDER, PARENT, PLAIN, PRESENT, SETTLED, TAPPED
+from tca_tools.check.rules import CONSTRAINT, DELAY, ORDER, PARENT, PLAIN, PRESENT, SETTLED, TAPPED
 from tca_tools.check.world import JournalWorld
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
@@ -20,15 +20,12 @@ _WATCHING = (Role.CONDITION, Role.SET_UP, Role.ACTION)
 
 def received(world: JournalWorld, fact: facts.Received) -> None:
     """A message is sent."""
-    name = f"{fact.message} {{{fact.id}}}"
-    if not world.new_number(fact.id):
-        again = fact.id in world.items or fact.id in world.over
-        what = "was received before" if again else f"came after {world.name(world.newest)}"
-        world.broken(NUMBERS, fact.id, f"{name} {what}")
-        if again:
-            return
+    world.new_number(fact.id, fact.message)
+    if fact.id in world.items or fact.id in world.over:
+        return
     if world.is_whole and fact.sender not in world.joined and fact.sender != CENTRAL:
-        world.broken(PRESENT, fact.id, f"{name} was sent by '{fact.sender}', which is not there")
+        what = f"{fact.message} {{{fact.id}}} was sent by '{fact.sender}', which is not there"
+        world.broken(PRESENT, fact.id, what)
     item = MessageRecord(
         fact.id, fact.message, fact.message_class, fact.sender, fact.sender, fact.body,
         role=fact.role, about=fact.about,
@@ -41,7 +38,7 @@ def received(world: JournalWorld, fact: facts.Received) -> None:
     if item.is_task:
         _plant(world, item, fact)
     elif fact.parent != ROOT or fact.constraints:
-        world.broken(PLAIN, fact.id, f"{fact.message_class} {name} is under {world.name(fact.parent)}, or constrained")
+        world.broken(PLAIN, item, f"is under {world.name(fact.parent)}, or constrained")
     elif not item.message_class.fans_out:
         what = "was sent, and is neither with a handler nor in a queue"
         world.expect(lambda: item.is_begun or item.is_queued or item.is_over, SETTLED, item, what)

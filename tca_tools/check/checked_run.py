@@ -106,7 +106,7 @@ class CheckedRun:
     def misnamed(self) -> dict[Property, str]:
         """The properties of what the journal does not know, or does not allow: they would hold whatever happens."""
         world = self.checker.world
-        messages = self.messages.keys() | world.classes.keys()
+        messages = self.messages.keys() | world.declared.keys()
         found = {}
         for judge in self.judges:
             for one in judge.stated.predicates:
@@ -133,7 +133,7 @@ def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
 def _misfit(predicate: OfMessages, world: JournalWorld) -> str:
     """Of a message that never came, its declaration must allow that it might have."""
     name = predicate.message
-    formats = [world.formats.get(name, "")] if name else [*world.formats.values()]
+    formats = [one.data for one in world.declared.values() if name in ("", one.message)]
     values = [one for one in predicate.data if isinstance(one, FieldValue)] if formats else []
     wrong = next(filter(None, (one.misfit(formats) for one in values)), "")
     return f"of '{name}', {wrong}" if wrong and name else wrong

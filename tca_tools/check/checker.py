@@ -95,8 +95,8 @@ class Checker:
         if why:
             self.gaps.append(f"{why}: what was under way then is not known")
         self.world = JournalWorld(self.violations, is_whole=False, events=known.events)
-        self.world.now, self.world.lives = known.now, known.lives
-        self.world.formats, self.world.classes = known.formats, known.classes
+        self.world.now, self.world.declared = known.now, known.declared
+        self.world.cycles, self.world.accepting = known.cycles, known.accepting
         self._may_have_missed_opening = True
 
     def close(self) -> None:

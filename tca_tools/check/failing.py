@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from tca_tools.check.missions import check_recovered
 from tca_tools.check.records import MessageRecord
-from tca_tools.check.rules import CAUGHT, HANDLER, KILLED, NUMBERS, QUEUED, RECOVERED, RESOLVED, SUSPENDED
+from tca_tools.check.rules import CAUGHT, HANDLER, KILLED, QUEUED, RECOVERED, RESOLVED, SUSPENDED
 from tca_tools.check.world import JournalWorld
 from tca_wire.journal import facts
 from tca_wire.messages.failures import NOT_BY_CHOICE
@@ -51,8 +51,8 @@ def caught(world: JournalWorld, task: MessageRecord, fact: facts.Caught) -> None
     handler = world.task(fact.handler, "was called as exception handler")
     if handler is None:
         return
-    after = _found(world, task, f"was caught by {handler}")
-    if after == OWN or (after > 0 and task.deciding == after):
+    _found(world, task, f"was caught by {handler}")
+    if not fact.is_beside:
         task.deciding = handler.id
     task.recovering = (*task.recovering, handler.id)
     if handler.role is not Role.EXCEPTION or handler.about != task.id:
@@ -125,8 +125,7 @@ def _must_pass_over(world: JournalWorld, task: MessageRecord, fact: facts.Unhand
 def reissued(world: JournalWorld, handler: MessageRecord, fact: facts.Reissued) -> None:
     """An exception handler could not deal with its failure."""
     del fact
-    if handler.role is not Role.EXCEPTION and not handler.is_stranger:
-        world.broken(HANDLER, handler, "reissued a failure, and deals with none")
+    _must_deal(world, handler, "reissued")
     had_decided, handler.is_void, handler.returned = handler.is_void, True, True
     if handler.parent is not None:
         _deals_no_more(world, handler.parent, handler.id)
@@ -137,9 +136,13 @@ def reissued(world: JournalWorld, handler: MessageRecord, fact: facts.Reissued) 
 def resolved(world: JournalWorld, handler: MessageRecord, fact: facts.Resolved) -> None:
     """An exception handler says that it has dealt with its failure."""
     del fact
-    if handler.role is not Role.EXCEPTION and not handler.is_stranger:
-        world.broken(HANDLER, handler, "resolved a failure, and deals with none")
+    _must_deal(world, handler, "resolved")
     handler.has_resolved = True
+
+
+def _must_deal(world: JournalWorld, handler: MessageRecord, what: str) -> None:
+    if handler.role is not Role.EXCEPTION and not handler.is_stranger:
+        world.broken(HANDLER, handler, f"{what} a failure, and deals with none")
 
 
 def handler_ended(world: JournalWorld, handler: MessageRecord) -> None:
@@ -199,13 +202,13 @@ def _pop_ended(task: MessageRecord) -> MessageRecord | None:
 
 def attached(world: JournalWorld, fact: facts.Attached) -> None:
     """An exception handler is attached."""
-    if not world.new_number(fact.id):
-        world.broken(NUMBERS, 0, f"attachment {{{fact.id}}} came after {world.name(world.newest)}")
+    world.new_number(fact.id, "attachment")
     if fact.task != ROOT:
         world.task(fact.task, "got an exception handler")
-    declared = world.classes.get(fact.handler)
-    if declared is not None and not declared.handles_failures:
-        world.broken(HANDLER, 0, f"{declared} {fact.handler} was attached as exception handler")
+    declared = world.declared.get(fact.handler)
+    if declared is not None and not declared.message_class.handles_failures:
+        what = f"{declared.message_class} {fact.handler} was attached as exception handler"
+        world.broken(HANDLER, 0, what)
     world.attached[fact.id] = fact
 
 

@@ -158,7 +158,7 @@ def returned(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> 
 def _known(world: JournalWorld, number: int, what: str) -> MessageRecord | None:
     """The message of that number; a new one is a copy that came to nothing before it was queued anywhere."""
     if world.first and number > world.newest:
-        world.new_number(number)
+        world.note_number(number)
         return None
     return world.item(number, what)
 

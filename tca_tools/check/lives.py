@@ -15,7 +15,7 @@ UNKNOWN = -1
 def declared(world: JournalWorld, fact: facts.FormatDefined) -> None:
     """A message is declared, perhaps with a table of its own."""
     try:
-        world.lives.cycles[fact.message] = read_life_cycle(fact.life_cycle)
+        world.cycles[fact.message] = read_life_cycle(fact.life_cycle)
     except BadFormat as error:
         world.broken(LIFE, 0, f"{fact.message} was declared, and {error}")
 
@@ -44,13 +44,13 @@ def go_on(world: JournalWorld, task: MessageRecord, module: str = "") -> None:
     cycle = _cycle(world, task)
     if task.is_begun and task.state != cycle.initial:
         task.state, task.serial, task.overtaken = cycle.initial, task.serial + 1, ()
-    if module and task.state == cycle.initial and (task.message, module) not in world.lives.accepting:
+    if module and task.state == cycle.initial and (task.message, module) not in world.accepting:
         task.state, task.serial = cycle.accepted.target, task.serial + 1
 
 
 def changed(world: JournalWorld, task: MessageRecord, fact: facts.StateChanged) -> None:
     """Somebody takes a transition."""
-    is_known = world.is_whole or task.message in world.lives.cycles
+    is_known = world.is_whole or task.message in world.cycles
     if task.is_stranger or task.message_class.is_monitor or task.serial == UNKNOWN or not is_known:
         task.state, task.serial = fact.state, fact.serial
         return
@@ -93,4 +93,4 @@ def _follow(task: MessageRecord, before: str, fact: facts.StateChanged, step: Tr
 
 
 def _cycle(world: JournalWorld, task: MessageRecord) -> LifeCycle:
-    return world.lives.cycles.get(task.message, GENERAL)
+    return world.cycles.get(task.message, GENERAL)

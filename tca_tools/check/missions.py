@@ -29,7 +29,8 @@ def check_recovered(world: JournalWorld, task: MessageRecord) -> None:
 
 
 def _is_of_mission(world: JournalWorld, item: MessageRecord) -> bool:
-    return MISSION_TASK in world.formats.get(item.message, "")
+    declared = world.declared.get(item.message)
+    return declared is not None and MISSION_TASK in declared.data
 
 
 def _status(body: bytes) -> object:

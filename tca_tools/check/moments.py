@@ -103,7 +103,7 @@ def wait_ended(world: JournalWorld, fact: facts.WaitEnded) -> None:
     """A wait is over: its moment is reached, or the module gave up."""
     waits, item = world.waits.get(fact.key, []), world.items.get(fact.task)
     if not waits:
-        if world.is_whole or (world.first and fact.task >= world.first):
+        if world.is_whole or world.must_know(fact.task):
             what = f"'{fact.module}' waits no longer for {world.name(fact.task)}, for which it did not wait"
             world.broken(rules.WAITS, fact.task, what)
         return

@@ -2,7 +2,7 @@
 
 from tca_tools.check import lives
 from tca_tools.check.records import MessageRecord, ResourceRecord
-from tca_tools.check.rules import CAPACITY, GRANTED, HANDLES, NUMBERS, PRESENT
+from tca_tools.check.rules import CAPACITY, GRANTED, HANDLES, PRESENT
 from tca_tools.check.world import JournalWorld, said
 from tca_wire.journal import facts
 
@@ -64,8 +64,7 @@ def recalling(world: JournalWorld, fact: facts.Recalling) -> None:
 
 def format_defined(world: JournalWorld, fact: facts.FormatDefined) -> None:
     """A message is declared."""
-    world.classes[fact.message] = fact.message_class
-    world.formats[fact.message] = fact.data
+    world.declared[fact.message] = fact
     lives.declared(world, fact)
 
 
@@ -76,8 +75,7 @@ def handler(world: JournalWorld, fact: facts.HandlerAdded) -> None:
     if fact.module in handlers:
         world.broken(HANDLES, 0, f"module '{fact.module}' handles {fact.message} already")
     handlers[fact.module] = fact.resource
-    accepting = world.lives.accepting
-    (accepting.add if fact.accepts else accepting.discard)((fact.message, fact.module))
+    (world.accepting.add if fact.accepts else world.accepting.discard)((fact.message, fact.module))
     _handlers_changed(world, fact.message)
 
 
@@ -107,8 +105,7 @@ def _must_be_there(world: JournalWorld, module: str, what: str) -> None:
 
 def claimed(world: JournalWorld, fact: facts.Claimed) -> None:
     """A module asks for a lock or reservation."""
-    if not world.new_number(fact.id):
-        world.broken(NUMBERS, 0, f"claim {{{fact.id}}} came after {world.name(world.newest)}")
+    world.new_number(fact.id, "claim")
     world.claims[fact.id] = fact
     world.place(fact.module, fact.resource).claims.waiting[fact.id] = fact
     holder = world.known(fact.origin)
@@ -156,7 +153,7 @@ def claim_ended(world: JournalWorld, fact: facts.ClaimEnded) -> None:
 
 
 def _unknown(world: JournalWorld, claim: int, what: str) -> None:
-    if world.first and claim >= world.first:
+    if world.must_know(claim):
         world.broken(GRANTED, 0, f"claim {{{claim}}} was {what}, and there is no such lock or reservation")
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from tca_tools.properties.world import MessageView
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
-from tca_wire.life_cycles import LifeCycle
 from tca_wire.points import ALL_MOMENTS
 from tca_wire.vocabulary import MessageClass, Role
 
@@ -58,16 +57,6 @@ class ResourceRecord:
     """Messages that a handler may have taken while it waits for its own module."""
     is_recalling: bool = False  #: nobody is let in before its slot has spoken
     waiting: "dict[int, MessageRecord]" = field(default_factory=dict)
-
-
-@dataclass(slots=True, eq=False)
-class LifeDeclarations:
-    """What was declared of the states of tasks."""
-
-    cycles: dict[str, LifeCycle] = field(default_factory=dict)
-    """By message."""
-    accepting: set[tuple[str, str]] = field(default_factory=set)
-    """Messages and modules whose handlers say themselves when they accept a task."""
 
 
 @dataclass(slots=True, eq=False)

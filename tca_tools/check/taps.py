@@ -1,7 +1,7 @@
 """Wiretaps and monitors: what they hold back, and when they send messages."""
 
 from tca_tools.check.records import Hold, MessageRecord
-from tca_tools.check.rules import KEPT, MONITOR, NUMBERS, TAPPED
+from tca_tools.check.rules import KEPT, MONITOR, TAPPED
 from tca_tools.check.world import JournalWorld
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
@@ -18,8 +18,7 @@ from tca_wire.vocabulary import CENTRAL, Role
 
 def tap_added(world: JournalWorld, fact: facts.TapAdded) -> None:
     """A wiretap is added."""
-    if not world.new_number(fact.id):
-        world.broken(NUMBERS, 0, f"wiretap {{{fact.id}}} came after {world.name(world.newest)}")
+    world.new_number(fact.id, "wiretap")
     if fact.task in world.over:  # it calls at once, or not at all
         world.late_taps.add(fact.id)
         what = f"{world.name(fact.task)} got wiretap {{{fact.id}}} after its end, and it was not fired"

@@ -9,12 +9,13 @@ from collections.abc import Callable
 from sys import intern
 from typing import NamedTuple
 
-from tca_tools.check.records import LifeDeclarations, MessageRecord, ResourceClaims, ResourceRecord, WaitKey
-from tca_tools.check.rules import ENDED, KNOWN, Rule, Violation
+from tca_tools.check.records import MessageRecord, ResourceClaims, ResourceRecord, WaitKey
+from tca_tools.check.rules import ENDED, KNOWN, NUMBERS, Rule, Violation
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.whole_run import Run
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
+from tca_wire.life_cycles import LifeCycle
 from tca_wire.text.facts_in_words import called
 from tca_wire.text.facts_in_words import place as words_of_place
 from tca_wire.vocabulary import MessageClass
@@ -40,8 +41,8 @@ class JournalWorld:
     def __init__(self, violations: list[Violation], *, is_whole: bool, events: int = 0) -> None:
         self.violations = violations  #: those found are added here
         self.is_whole = is_whole  #: the journal is known from the beginning of the run
-        self.first = 1 if is_whole else 0  #: the first number of which all must be known (0: not known yet)
-        self.newest = 0  #: the highest number given so far
+        #: The first number of which all must be known (0: not known yet), and the highest given so far.
+        self.first, self.newest = int(is_whole), 0
         self.events = events  #: how many were seen before this one
         self.event, self.asked_by = 0, 0  #: its number, and the delivery whose handler asked for it
         self.now = 0.0
@@ -65,9 +66,10 @@ class JournalWorld:
         self.attached: dict[int, facts.Attached] = {}
         self.invocations_at_root: dict[int, int] = {}  #: how often each attachment was called there
         self.waits: dict[WaitKey, list[int]] = {}  #: by who and for what: moments
-        self.classes: dict[str, MessageClass] = {}  #: of the declared messages
-        self.formats: dict[str, str] = {}  #: of their data, as JSON Schema
-        self.lives = LifeDeclarations()  #: of their tasks
+        self.declared: dict[str, facts.FormatDefined] = {}  #: messages
+        self.cycles: dict[str, LifeCycle] = {}  #: of their tasks
+        self.accepting: set[tuple[str, str]] = set()
+        """Messages and modules whose handlers say themselves when they accept a task."""
         # Of the event that is being folded:
         self.touched: dict[MessageRecord, None] = {}
         self.places_touched: dict[ResourceRecord, None] = {}
@@ -159,13 +161,21 @@ class JournalWorld:
             check()
         self.later.clear()
 
-    def new_number(self, number: int) -> bool:
-        """A number is given to something; whether it is a new one."""
-        if not self.first:
-            self.first = number
-        is_new = number > self.newest
-        self.newest = max(self.newest, number)
-        return is_new
+    def new_number(self, number: int, what: str) -> None:
+        """A number is given to something: *what*, in words."""
+        if number <= self.newest:
+            again = number in self.items or number in self.over
+            why = "was received before" if again else f"came after {self.name(self.newest)}"
+            self.broken(NUMBERS, number, f"{what} {{{number}}} {why}")
+        self.note_number(number)
+
+    def note_number(self, number: int) -> None:
+        """A number is known from now on, perhaps a new one."""
+        self.first, self.newest = self.first or number, max(self.newest, number)
+
+    def must_know(self, number: int) -> bool:
+        """Whether what has that number has come since the journal began."""
+        return 0 < self.first <= number
 
     def add(self, item: MessageRecord) -> None:
         """A message is under way."""
@@ -192,7 +202,7 @@ class JournalWorld:
             return item
         if number in self.over:
             self.broken(ENDED, number, f"{self.name(number)} {what}, though it is over")
-        elif self.first and number >= self.first and number not in self.strange:
+        elif self.must_know(number) and number not in self.strange:
             self.broken(KNOWN, number, f"message {{{number}}} {what}, and was never sent")
         return None
 
@@ -216,7 +226,7 @@ class JournalWorld:
             self.item(fact.message_id, what)
             self.strange.add(fact.id)
             return None
-        self.new_number(fact.id)
+        self.note_number(fact.id)
         if original is not None and original.is_task:
             original.again = False
             self.deliveries.pop(original.given_as, None)

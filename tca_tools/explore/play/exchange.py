@@ -34,7 +34,6 @@ from tca_tools.explore.scenario.steps import (
     UseKept,
 )
 from tca_wire.journal.facts import Entry, Fact, Ignored, RequestRefused
-from tca_wire.journal.facts import Received as Birth
 from tca_wire.messages.controls import Monitor
 from tca_wire.messages.failures import MODULE_LOST
 from tca_wire.packets import headers
@@ -61,7 +60,6 @@ class Exchange:
         self.lines: dict[str, ModuleLine] = {}  #: connections that central has not seen end
         self.lived: dict[str, bytes] = {}  #: by line: what its scripts did and got, where messages may be ahead
         self.facts: list[Fact] = []  #: recorded with the last action
-        self.names: dict[int, str] = {}  #: of all messages ever sent; for people
         self.scenario = scenario
         self._known = scenario.messages()  #: messages that some module handles
         self._number = RequestNumber(0)
@@ -144,7 +142,6 @@ class Exchange:
 
     def _record(self, entry: Entry) -> None:
         self.facts += entry.facts
-        self.names.update({fact.id: fact.message for fact in entry.facts if isinstance(fact, Birth)})
         with numbers_shown():
             take_event(self.world, entry)
 

@@ -183,4 +183,4 @@ def _standing(play: Play, task: MessageRecord) -> str:
 
 
 def _name(play: Play, task: int) -> str:
-    return f"{play.names.get(task, '?')} {{{int(task)}}}"
+    return play.world.name(int(task))
