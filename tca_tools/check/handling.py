@@ -17,11 +17,9 @@ from tca_wire.vocabulary import Outcome, Role
 
 def queued(world: JournalWorld, fact: facts.Queued) -> None:
     """A message waits for a resource, or for a handler."""
-    item = world.delivery(fact, "was queued")
+    item = _moved(world, fact, "was queued")
     if item is None:
         return
-    _may_be_begun(world, item, "was queued")
-    _leave_lost(world, item, "was queued")
     if item.waits_at is not None and item.message not in world.rehandled:
         world.broken(rules.QUEUED, item, f"was queued for {said(item.waits_at)} already")
     _leave_queue(world, item)
@@ -30,6 +28,15 @@ def queued(world: JournalWorld, fact: facts.Queued) -> None:
     place.waiting[item.given_as] = item
     if fact.module and world.is_whole and item.message not in world.handlers:
         world.broken(rules.HANDLES, item, f"was queued for {said(place)}, and nobody handles it")
+
+
+def _moved(world: JournalWorld, fact: facts.Queued | facts.Delivered, what: str) -> MessageRecord | None:
+    """The message that is queued or given to a handler; it may be so, and leaves a handler that is lost."""
+    item = world.delivery(fact, what)
+    if item is not None:
+        _may_be_begun(world, item, what)
+        _leave_lost(world, item, what)
+    return item
 
 
 def unqueued(world: JournalWorld, item: MessageRecord, fact: facts.Unqueued) -> None:
@@ -52,12 +59,10 @@ def _leave_queue(world: JournalWorld, item: MessageRecord) -> None:
 
 def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
     """A handler gets a message."""
-    item = world.delivery(fact, "was delivered")
+    item = _moved(world, fact, "was given to a handler")
     place = world.place(fact.module, fact.resource)
     if item is None:
         return
-    _may_be_begun(world, item, "was given to a handler")
-    _leave_lost(world, item, "was given to a handler")
     _leave_queue(world, item)
     _may_go_to(world, item, place)
     is_nested = item.message_class.has_reply and item.sender == place.module

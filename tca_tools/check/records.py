@@ -148,17 +148,17 @@ class MessageRecord(MessageView):
         return self.parent.id if self.parent else 0
 
     @property
-    def module(self) -> str:
+    def module(self) -> str:  # type: ignore[override]
         """The module whose handler has it now."""
         return self.place.module if self.place else ""
 
     @property
-    def is_queued(self) -> bool:
+    def is_queued(self) -> bool:  # type: ignore[override]
         """Whether it waits for a resource, or for a handler."""
         return self.waits_at is not None
 
     @property
-    def is_recovering(self) -> bool:
+    def is_recovering(self) -> bool:  # type: ignore[override]
         """Whether an exception handler is at work on its failure."""
         return bool(self.recovering)
 

@@ -85,21 +85,16 @@ class MessageView:
     """It was retried with the last event."""
     has_fired: bool
     """Of a monitor: it sent its action with the last event."""
-
-    @property
-    def module(self) -> str:
-        """The module whose handler has it now."""
-        raise NotImplementedError
-
-    @property
-    def is_queued(self) -> bool:
-        """Whether it waits for a resource or for a handler."""
-        raise NotImplementedError
-
-    @property
-    def is_recovering(self) -> bool:
-        """Whether an exception handler is at work on its failure."""
-        raise NotImplementedError
+    is_task: bool
+    """It is a node of the tree."""
+    state: str
+    """Of a task: where it is in its life cycle."""
+    module: str
+    """The module whose handler has it now."""
+    is_queued: bool
+    """It waits for a resource or for a handler."""
+    is_recovering: bool
+    """An exception handler is at work on its failure."""
 
     @property
     def data(self) -> Any:

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from random import Random
 
-import msgspec
 import pytest
 from explore import scenarios
 from explore.scenarios import BATTERY, CHECK, HEIGHTS, HIGHER, IS_LOW, NOTE, RECHARGE, SLIPPED, STEP, WALK, WHERE
@@ -164,7 +163,7 @@ def seen_in(world: World) -> object:
         return names.index(one)
 
     return (
-        [tuple(name(value) if isinstance(value, Name) else value for value in msgspec.structs.astuple(seen))
+        [{key: name(value) if isinstance(value, Name) else value for key, value in vars(seen).items()}
          for seen in world.messages],
         [[child.message for child in world.children(seen)] for seen in world.messages],
         [[(at, moment, leader and name(leader.id)) for at, moment, leader in world.held(seen)]

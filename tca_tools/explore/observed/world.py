@@ -6,6 +6,7 @@ time makes it part of the state.
 """
 
 from collections.abc import Callable, Iterator
+from operator import attrgetter
 from typing import NoReturn
 
 import msgspec
@@ -15,7 +16,6 @@ from tca_tools.check.world import JournalWorld
 from tca_tools.properties.algebra import Breach
 from tca_tools.properties.world import Found, MessageView, Predicate
 from tca_wire.points import Moment
-from tca_wire.vocabulary import MessageClass, Role
 
 _DIGITS = 6  # of seconds
 
@@ -47,43 +47,28 @@ class Name:
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __mod__ = __bool__ = __format__ = _refuse
 
 
-class Seen(MessageView, msgspec.Struct, frozen=True):
+SEEN = tuple(MessageView.__annotations__)
+"""What properties see of the record of a message; ids come as names."""
+_FETCH = attrgetter(*SEEN)
+
+
+class Seen(MessageView):
     """A message under way: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query."""
 
-    id: Name
-    parent_id: Name
-    about: Name
-    """Where central sent it: the failing, tapped, killed or monitoring task."""
-    message: str
-    message_class: MessageClass
-    sender: str
-    body: bytes
-    reached: int
-    is_queued: bool
-    is_begun: bool
-    module: str
-    role: Role
-    is_killed: bool
-    failure: str
-    is_suspended: bool
-    attempts: int
-    is_over: bool
-    state: str
-    """Of a task: where it is in its life cycle."""
-    is_new: bool
-    is_resolved: bool
-    is_retried: bool
-    has_fired: bool
-    is_recovering: bool
-    is_task: bool
-    """Whether it is a node of the tree."""
+    def __init__(self, record: MessageRecord) -> None:
+        vars(self).update(zip(SEEN, _FETCH(record), strict=True))
+        self.id, self.parent_id = Name(record.id), Name(record.parent_id)
+        self.about = Name(record.about)
+        """Where central sent it: the failing, tapped, killed or monitoring task."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Seen) and vars(self) == vars(other)
+
+    def __hash__(self) -> int:
+        return hash(self.id)
 
     def __str__(self) -> str:
         return self.message
-
-
-SEEN = Seen.__struct_fields__[3:]
-"""The fields that are as in the record of a message; ids come as names."""
 
 
 class TakenRequest(msgspec.Struct, frozen=True):
@@ -140,7 +125,7 @@ class World:
         self._look = look  #: called when somebody looks at the time
         # Messages from before the last action come in the order of the state before it; the rest as they were sent.
         keys = sorted(known.items, key=lambda key: (key not in order, order.get(key, key)))
-        self._seen = {key: _seen(known.items[key]) for key in keys}
+        self._seen = {key: Seen(known.items[key]) for key in keys}
 
     def true_of(self, predicate: Predicate) -> Found:
         """The value of a predicate."""
@@ -204,8 +189,3 @@ def breach_in_words(breach: Breach) -> str:
     names = ", ".join(f"{one.message} {{{int(one.id._number)}}}" if isinstance(one, Seen) else str(one)  # noqa: SLF001
                       for one in breach.messages)  # fmt: skip
     return ": ".join(part for part in (breach.what, names) if part)
-
-
-def _seen(record: MessageRecord) -> Seen:
-    names = Name(record.id), Name(record.parent_id), Name(record.about)
-    return Seen(*names, *(getattr(record, name) for name in SEEN))
