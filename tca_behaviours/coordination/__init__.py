@@ -3,12 +3,11 @@
 from tca_behaviours.coordination.learning import count_transitions
 from tca_behaviours.coordination.model.activities import Activity, Agent, Do
 from tca_behaviours.coordination.model.automaton import Automaton, FlatAutomaton, LikelyArrow
-from tca_behaviours.coordination.model.errors import UnsoundCoordination
+from tca_behaviours.coordination.model.interpreter import Interpreter, TakenArrow
 from tca_behaviours.coordination.model.likelihoods import Learned, LikelihoodModel, Perceived, Prior, Weighted
 from tca_behaviours.coordination.model.machine import Coordination
 from tca_behaviours.coordination.model.situation import Fact, Situation
-from tca_behaviours.coordination.model.statechart import Interpreter, TakenArrow
-from tca_behaviours.coordination.model.states import AuthoredState, CompoundState
+from tca_behaviours.coordination.model.states import AuthoredState
 from tca_behaviours.coordination.preview.policy import (
     Candidate,
     Continuous,
@@ -20,6 +19,7 @@ from tca_behaviours.coordination.preview.policy import (
 from tca_behaviours.coordination.preview.walk import PreviewLimits, most_likely
 from tca_behaviours.coordination.running.coordinator import Coordinator
 from tca_behaviours.coordination.running.messages import COORDINATION_EVENT, CoordinationEnd, MachineEvent
+from tca_behaviours.statecharts.states import UnsoundMachine
 
 __all__ = [
     "COORDINATION_EVENT",
@@ -28,7 +28,6 @@ __all__ = [
     "AuthoredState",
     "Automaton",
     "Candidate",
-    "CompoundState",
     "Continuous",
     "Coordination",
     "CoordinationEnd",
@@ -48,7 +47,7 @@ __all__ = [
     "Prior",
     "Situation",
     "TakenArrow",
-    "UnsoundCoordination",
+    "UnsoundMachine",
     "Weighted",
     "count_transitions",
     "expected_gain",

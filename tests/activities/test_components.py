@@ -157,7 +157,7 @@ class Chain(Component[None]):
         one, two = outer.state("one", **steps("one")), outer.state("two", **steps("two"))
         other = region.state("other", **steps("other"))
         one.to(two, on="next")
-        two.to(two, on="next")
+        two.to(two, on="next", when=lambda: True)
         outer.to(other, on="next")  # the inner ones go first
         outer.to(other, on="out")
         outer.to(one, on="again")

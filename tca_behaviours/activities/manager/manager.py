@@ -177,10 +177,6 @@ def _component_entry(component: Component[Any]) -> ComponentEntry:
 
 
 def _region_entry(region: Region) -> RegionEntry:
-    entries = []
-    todo = [state for state in reversed(region.states.values()) if state.parent is None]
-    while todo:
-        state = todo.pop()
-        entries.append(StateEntry(state.name, state.parent.name if state.parent else ""))
-        todo += reversed(state.children)
-    return RegionEntry(region.name, entries)
+    states = region.chart.states
+    labels = [*(state.label for state in states), ""]  # the last one stands for -1
+    return RegionEntry(region.name, [StateEntry(state.label, labels[state.parent]) for state in states])
