@@ -5,7 +5,7 @@ begins, a ring where a container has completed; a double frame is a final state.
 the id "state-3", and the class "active", "current" or "foreseen" if it is.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from html import escape
 from itertools import pairwise
 
@@ -24,14 +24,19 @@ LOOKS = f"""\
   edge [fontname="Helvetica,Arial,sans-serif", fontsize=10, penwidth=1, arrowsize=0.7,
     fontcolor="{INK}", color="{INK}"];
 """
-POINT = 'shape=circle, label="", width=0.11, height=0.11, fixedsize=true'
-_NOWHERE = 'shape=point, width=0.01, height=0.01, style=invis, label=""'
+_BEGIN = f'{{}} [shape=circle, label="", width=0.11, height=0.11, fixedsize=true, fillcolor="{INK}"];'
+_RING = '{} [shape=circle, label="", width=0.11, height=0.11, fixedsize=true, peripheries=2];'
+_NOWHERE = '{} [shape=point, width=0.01, height=0.01, style=invis, label=""];'
+_SHAPES = {
+    StateKind.FINAL: "peripheries=2,",
+    StateKind.EPSILON: "shape=ellipse, style=filled,",
+}
+_LEFT = '<br align="left"/>'
 _FILLS = {"active": "#ffcf70", "current": "#9fdc8f", "foreseen": "#ffe27a"}
 _ACTIVE_FRAME, _LIKELY = "#c77700", "#9a6b00"
 _COLOURS = {"failed": "#b3261e", "timeout": "#8a6d00", "interrupted": "#7b3fa0"}
 """The colours of arrows for endings that are no success."""
-LONGEST_LINE = 88
-_LONGEST, _MOST_LINES = 36, 6
+_LONGEST, _LONGEST_LINE = 36, 88
 
 
 def chart_dot(
@@ -40,16 +45,17 @@ def chart_dot(
     """A directed graph of the machine. *marks*: the classes of states that stand out, by their numbers; *likely*: the
     likelihoods of arrows that do, by their places.
     """
-    lines = chart_lines(chart, marks=marks, likely=likely)
+    return graph(_Picture(chart, marks or {}, likely or {}).lines())
+
+
+def graph(lines: Iterable[str]) -> str:
+    """A directed graph that looks like a machine."""
     return "digraph machine {\n" + LOOKS + "".join(f"  {line}\n" for line in lines) + "}\n"
 
 
-def chart_lines(
-    chart: MachineChart, prefix: str = "", *, marks: Mapping[int, str] | None = None,
-    likely: Mapping[int, str] | None = None,
-) -> Iterator[str]:  # fmt: skip
-    """The lines of a machine that may stand beside others: all its names begin with the *prefix*."""
-    return _Picture(chart, prefix, marks or {}, likely or {}).lines()
+def chart_lines(chart: MachineChart) -> Iterator[str]:
+    """The lines of a machine that stands in a larger graph."""
+    return _Picture(chart, {}, {}).lines()
 
 
 def report_marks(report: CoordinationReport) -> dict[int, str]:
@@ -77,23 +83,22 @@ def text(words: str, longest: int = _LONGEST) -> str:
 
 def small(words: str) -> str:
     """A line of a label, in small print."""
-    return f'<font point-size="9" color="{FAINT}">{text(words, LONGEST_LINE)}</font>'
+    return f'<font point-size="9" color="{FAINT}">{text(words, _LONGEST_LINE)}</font>'
 
 
 class _Picture:
-    def __init__(self, chart: MachineChart, prefix: str, marks: Mapping[int, str], likely: Mapping[int, str]) -> None:
+    def __init__(self, chart: MachineChart, marks: Mapping[int, str], likely: Mapping[int, str]) -> None:
         self.chart = chart
         self.states = chart.states
-        self.prefix = prefix
         self.marks = marks
         self.likely = likely
 
     def lines(self) -> Iterator[str]:
         """All states, then all arrows."""
         tops = self.chart.inside(-1)
-        if self.states[0].kind is StateKind.COMPOUND or not self._is_frame(0):  # else one frame is the whole machine
-            yield f'{self.prefix}begin [{POINT}, fillcolor="{INK}"];'
-            yield self._arrow(f"{self.prefix}begin", self._head(tops[0]), self._cut(-1, tops[0]))
+        if self.states[0].kind in (StateKind.ACTIVITY, StateKind.WAIT, StateKind.COMPOUND):  # no frame around it all
+            yield _BEGIN.format("begin")
+            yield self._arrow("begin", self._head(tops[0]), self._cut(-1, tops[0]))
         for top in tops:
             yield from self._state(top)
         for number in range(len(self.states)):
@@ -104,39 +109,26 @@ class _Picture:
     # --- states ------------------------------------------------------------------------------------------------------
 
     def _state(self, number: int) -> Iterator[str]:
+        state, mark = self.states[number], self.marks.get(number, "")
+        names = f'id="state-{number}", class="{mark}"'
         if not self._is_frame(number):
-            yield self._node(number)
+            fill = f'fillcolor="{_FILLS[mark]}", penwidth=2' if mark else ""
+            yield f"s{number} [{names}, label=<{_label(state, '<br/>')}>, {_SHAPES.get(state.kind, '')} {fill}];"
             return
-        name, state, mark = f"{self.prefix}{number}", self.states[number], self.marks.get(number, "")
         style = "rounded,dashed" if state.kind.is_concurrent else "rounded"
         looks = f'color="{_ACTIVE_FRAME}", penwidth=2' if mark else f'color="{FAINT}", penwidth=1'
-        yield f"subgraph cluster_{name} {{"
-        yield f'  graph [id="{self.prefix}state-{number}", class="{mark}", style="{style}", {looks},'
-        yield f"    label=<{_label(state)}>];"
-        yield f"  {self.prefix}begin_{number} [" + (
-            f"{_NOWHERE}];" if state.kind.is_concurrent else f'{POINT}, fillcolor="{INK}"];'
-        )
+        yield f'subgraph cluster_{number} {{ graph [{names}, style="{style}", {looks},'
+        yield f"  label=<{_label(state, _LEFT)}{_LEFT}>];"
+        yield (_NOWHERE if state.kind.is_concurrent else _BEGIN).format(f"begin_{number}")
         for inner in self.chart.inside(number):
-            yield from (f"  {line}" for line in self._state(inner))
-        ring = f"{POINT}, fillcolor=white, peripheries=2" if self._has_ring(number) else _NOWHERE
-        yield f"  {self.prefix}end_{number} [{ring}];"
-        yield "}"
-
-    def _node(self, number: int) -> str:
-        state, mark = self.states[number], self.marks.get(number, "")
-        looks = f"label=<{_label(state)}>"
-        if state.kind is StateKind.FINAL:
-            looks = f"peripheries=2, fontsize=10, label=<{text(state.label)}>"
-        elif state.kind is StateKind.EPSILON:
-            looks = f"shape=ellipse, style=filled, fontsize=10, label=<{text(state.label)}>"
-        fill = f', fillcolor="{_FILLS[mark]}", penwidth=2' if mark else ""
-        return f'{self.prefix}s{number} [id="{self.prefix}state-{number}", class="{mark}", {looks}{fill}];'
+            yield from self._state(inner)
+        yield (_RING if self._has_ring(number) else _NOWHERE).format(f"end_{number}") + " }"
 
     # --- arrows ------------------------------------------------------------------------------------------------------
 
     def _ways_inside(self, number: int) -> Iterator[str]:
         """From where a container begins to its first state, and from its last ones to where it ends."""
-        inside, begin, end = self.chart.inside(number), f"{self.prefix}begin_{number}", f"{self.prefix}end_{number}"
+        inside, begin, end = self.chart.inside(number), f"begin_{number}", f"end_{number}"
         if self.states[number].kind.is_concurrent:  # they stand below its beginning, and above its end
             for inner in inside:
                 yield f"{begin} -> {self._head(inner)} [style=invis];"
@@ -152,7 +144,7 @@ class _Picture:
     def _transition(self, place: int) -> str:
         """An arrow of its own for each: lines of one label read as what must be true together."""
         arrow = self.chart.arrows[place]
-        looks, words = [f'id="{self.prefix}arrow-{place}"'], [text(line) for line in arrow.symbol.splitlines()]
+        looks, words = [f'id="arrow-{place}"'], [text(line) for line in arrow.symbol.splitlines()]
         if colour := _COLOURS.get(arrow.symbol.partition(" [")[0], ""):
             looks += [f'color="{colour}"', f'fontcolor="{colour}"', "style=dashed"]
         if likely := self.likely.get(place):
@@ -171,17 +163,17 @@ class _Picture:
 
     def _head(self, number: int) -> str:
         """The node where an arrow to a state ends; of a container the one that stands for its frame."""
-        return f"{self.prefix}{'begin_' if self._is_frame(number) else 's'}{number}"
+        return f"{'begin_' if self._is_frame(number) else 's'}{number}"
 
     def _tail(self, number: int) -> str:
         """The node where an arrow out of a state begins."""
-        return f"{self.prefix}{'end_' if self._is_frame(number) else 's'}{number}"
+        return f"{'end_' if self._is_frame(number) else 's'}{number}"
 
     def _cut(self, source: int, target: int) -> list[str]:
         """The frames at which an arrow is cut; none that holds both its ends. Its head has room before a frame."""
-        ends = (("ltail=cluster_{}{}", source, target), ("lhead=cluster_{}{}, minlen=2", target, source))
+        ends = (("ltail=cluster_{}", source, target), ("lhead=cluster_{}, minlen=2", target, source))
         return [
-            look.format(self.prefix, number)
+            look.format(number)
             for look, number, other in ends
             if number >= 0 and self._is_frame(number) and number not in self.chart.around(other)
         ]
@@ -195,9 +187,8 @@ class _Picture:
         return not is_concurrent and any(self.states[inner].completes for inner in self.chart.inside(number))
 
 
-def _label(state: ChartState) -> str:
+def _label(state: ChartState, between: str) -> str:
+    if state.kind in _SHAPES:
+        return f'<font point-size="10">{text(state.label)}</font>'
     note = f' <font point-size="10" color="{FAINT}">{text(state.note)}</font>' if state.note else ""
-    lines = [small(line) for line in state.lines[:_MOST_LINES]]
-    if len(state.lines) > _MOST_LINES:
-        lines.append(small(f"and {len(state.lines) - _MOST_LINES} more"))
-    return "<br/>".join([f"<b>{text(state.label)}</b>{note}", *lines])
+    return between.join([f"<b>{text(state.label)}</b>{note}", *map(small, state.lines)])

@@ -65,8 +65,8 @@ def test_all_there_is_to_know_is_a_variable(town: Town) -> None:
     assert (entry.name, entry.module, entry.policies) == ("robot", "robot", ["one_for_all", "one_each", "automatic"])
     (component,) = entry.components
     movement = component.regions[3]
-    states = [(state.name, state.parent) for state in movement.states]
-    assert states == [("stopped", ""), ("moving", ""), ("fast", "moving"), ("slow", "moving")]
+    states = [(state.label, state.parent) for state in movement.states]
+    assert states == [("stopped", -1), ("moving", -1), ("fast", 1), ("slow", 1)]
     assert [control.label for control in entry.controls] == ["enable"]
     assert town.user.get_variable(NAMES.states).states["x.enabling"] == "disabled"
     assert town.user.get_variable(NAMES.picture) == "<svg>None</svg>"

@@ -15,8 +15,6 @@ from tca_behaviours.activities.manager.messages import (
     ComponentEntry,
     Control,
     ProcessorPriority,
-    RegionEntry,
-    StateEntry,
     StatesReport,
     TransitionEntry,
 )
@@ -173,10 +171,4 @@ def _handler(step: Callable[[Any], object]) -> Callable[..., None]:
 
 
 def _component_entry(component: Component[Any]) -> ComponentEntry:
-    return ComponentEntry(component.name, [_region_entry(region) for region in component.regions.values()])
-
-
-def _region_entry(region: Region) -> RegionEntry:
-    states = region.chart.states
-    labels = [*(state.label for state in states), ""]  # the last one stands for -1
-    return RegionEntry(region.name, [StateEntry(state.label, labels[state.parent]) for state in states])
+    return ComponentEntry(component.name, [region.chart for region in component.regions.values()])

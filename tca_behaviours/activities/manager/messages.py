@@ -4,28 +4,14 @@ import msgspec
 
 from tca_behaviours.activities.reports import AllocationReport, ApplicationFigures
 from tca_module import Command, Failure, MisuseError, Variable
-
-
-class StateEntry(msgspec.Struct, frozen=True):
-    """A state of a region."""
-
-    name: str
-    parent: str
-    """The state that holds it; empty: none does."""
-
-
-class RegionEntry(msgspec.Struct, frozen=True):
-    """A region and its states; those inside a state follow it."""
-
-    name: str
-    states: list[StateEntry]
+from tca_wire.charts import MachineChart
 
 
 class ComponentEntry(msgspec.Struct, frozen=True):
     """A component."""
 
     name: str
-    regions: list[RegionEntry]
+    regions: list[MachineChart]
 
 
 class ControlField(msgspec.Struct, frozen=True):

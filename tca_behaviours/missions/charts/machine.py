@@ -14,6 +14,8 @@ from tca_module import MisuseError
 from tca_tools.drawing.chart_dot import chart_dot
 from tca_wire.charts import ChartArrow, ChartState, Ending, StateKind
 
+_MOST_PARAMETERS = 6
+"""Lines that a task has in the picture."""
 _KINDS = {"any": StateKind.ANY, "all": StateKind.ALL}
 
 
@@ -103,7 +105,7 @@ class StateMachine(BlockMachine[MachineState]):
             kind=state.kind,
             parent=parent_number(state),
             note="" if state.label.rstrip("0123456789 ") == kind or state.kind is StateKind.EPSILON else kind,
-            lines=[line(f"{name} = {value}") for name, value in state.parameters.items()],
+            lines=_shown([f"{name} = {value}" for name, value in state.parameters.items()]),
             completes=self._completes(state),
         )
 
@@ -118,6 +120,11 @@ class StateMachine(BlockMachine[MachineState]):
             for ending in self._endings[state]
             if (to := state.target(ending)) is not None
         ]
+
+
+def _shown(parameters: list[str]) -> list[str]:
+    left = len(parameters) - _MOST_PARAMETERS
+    return [*map(line, parameters[:_MOST_PARAMETERS]), *([f"and {left} more"] if left > 0 else [])]
 
 
 class Sequence(StateMachine):
