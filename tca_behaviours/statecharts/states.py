@@ -1,11 +1,11 @@
 """States and the transitions between them, as they are written."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, Generic, TypeVar, cast
 
 from tca_module import MisuseError
-from tca_wire.charts import StateKind
+from tca_wire.charts import ChartArrow, ChartState, MachineChart, StateKind
 
 S = TypeVar("S", bound="State[Any, Any]")
 A = TypeVar("A", bound="Arrow[Any]")
@@ -15,6 +15,11 @@ Step = Callable[[], object]
 
 class UnsoundMachine(MisuseError):
     """A machine that can't be run as it is written; the text says which state is wrong, and what to do."""
+
+
+def name_of(function: Callable[..., object]) -> str:
+    """The name of a guard or step, for texts."""
+    return getattr(function, "__name__", type(function).__name__)
 
 
 class State(Generic[S, A]):
@@ -47,6 +52,20 @@ class State(Generic[S, A]):
         self.arrows.append(arrow)
         self.by_event.setdefault(arrow.event, []).append(arrow)
         return arrow
+
+    def lines(self) -> Iterator[str]:
+        """What it does, for its chart."""
+        yield from ()
+
+    def row(self) -> ChartState:
+        """It as data, once the machine is numbered."""
+        parent = self.parent.number if self.parent is not None else -1
+        return ChartState(self.label, self.kind, parent, lines=list(self.lines()))
+
+    def ways(self) -> Iterator[ChartArrow]:
+        """The transitions that lead out of it, as data."""
+        for arrow in self.arrows:
+            yield ChartArrow(self.number, arrow.target.number, arrow.symbol)
 
     def around(self) -> Iterator[S]:
         """The containers that it stands in, innermost first."""
@@ -134,3 +153,12 @@ class Arrow(Generic[S]):
     def is_hidden_by(self, other: "Arrow[S]") -> bool:
         """Whether it is never taken where the *other* one comes before it."""
         return self.event == other.event and (not other.conditions or self.key == other.key)
+
+
+def chart_of(name: str, states: Sequence[State[Any, Any]], agents: list[str] | None = None) -> MachineChart:
+    """A machine as data. Its states get the numbers of their places."""
+    for number, state in enumerate(states):
+        state.number = number
+    return MachineChart(
+        name, [state.row() for state in states], [way for state in states for way in state.ways()], agents
+    )

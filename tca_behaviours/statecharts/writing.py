@@ -4,11 +4,11 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any, Generic, Self, TypeVar, cast
 
-from tca_behaviours.statecharts.states import A, State, UnsoundMachine
+from tca_behaviours.statecharts.states import A, State, UnsoundMachine, chart_of
 from tca_module import MisuseError
 from tca_tools.drawing.picture_file import write_machine
 from tca_tools.errors import raised_as
-from tca_wire.charts import ChartArrow, ChartState, MachineChart, StateKind
+from tca_wire.charts import MachineChart, StateKind
 from tca_wire.text.printable import shortened
 
 B = TypeVar("B", bound="BlockState[Any, Any]")
@@ -86,7 +86,7 @@ class BlockMachine(ABC, Generic[B]):
     @property
     def chart(self) -> MachineChart:
         """Its structure as data. Raises MisuseError while the machine is being written."""
-        return MachineChart(self.name, list(map(self._row, self.states)), self._arrow_rows())
+        return chart_of(self.name, self.states)
 
     def _build(self) -> None:
         states = self._numbered()
@@ -102,10 +102,6 @@ class BlockMachine(ABC, Generic[B]):
         with raised_as(MisuseError):
             write_machine(Path(path), source)
 
-    def _arrow_rows(self) -> list[ChartArrow]:
-        arrows = [arrow for state in self.states for arrow in state.arrows]
-        return [ChartArrow(arrow.source.number, arrow.target.number, arrow.symbol) for arrow in arrows]
-
     def _numbered(self) -> list[B]:
         """The states that the chart has, in their order."""
         return list(self.root.all())
@@ -113,14 +109,6 @@ class BlockMachine(ABC, Generic[B]):
     @abstractmethod
     def _check(self, states: list[B]) -> None:
         """Raises UnsoundMachine if it can't be run."""
-
-    @abstractmethod
-    def _row(self, state: B) -> ChartState: ...
-
-
-def parent_number(state: State[Any, Any]) -> int:
-    """The number of the state that holds it; -1 if none does."""
-    return state.parent.number if state.parent is not None else -1
 
 
 def line(text: str) -> str:

@@ -4,15 +4,14 @@ So the execution time of a tick is bounded. Events wait in the region until one 
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 from tca_behaviours.activities.components.states import RegionState, RegionTransition
 from tca_behaviours.statecharts.fast import FastInterpreter
 from tca_behaviours.statecharts.soundness import check_arrows
-from tca_behaviours.statecharts.states import UnsoundMachine
-from tca_wire.charts import ChartArrow, ChartState, MachineChart
-from tca_wire.text.measures import duration
+from tca_behaviours.statecharts.states import UnsoundMachine, chart_of
+from tca_wire.charts import MachineChart
 
 
 class RegionChange(NamedTuple):
@@ -75,20 +74,7 @@ class Region(FastInterpreter[RegionState, RegionTransition]):
     @property
     def chart(self) -> MachineChart:
         """Its structure as data."""
-        states = list(self.root.all())[1:]
-        number = {state: place for place, state in enumerate(states)}
-        return MachineChart(
-            self.name,
-            [
-                ChartState(state.label, state.kind, number.get(state.parent or state, -1), lines=list(_lines(state)))
-                for state in states
-            ],
-            [
-                ChartArrow(number[state], number[arrow.target], _symbol(arrow))
-                for state in states
-                for arrow in state.arrows
-            ],
-        )
+        return chart_of(self.name, list(self.root.all())[1:])
 
     # --- at work ----------------------------------------------------------------------------------------------------
 
@@ -110,28 +96,3 @@ class Region(FastInterpreter[RegionState, RegionTransition]):
         change = RegionChange(self.component, self.name, before, leaf.label, event)
         for function in self._told:
             function(change)
-
-
-def every(period: float, estimate: float | None) -> str:
-    """How often something is ticked, and how long that takes, in words."""
-    return f"every {duration(period)}" + (f", takes {duration(estimate)}" if estimate else "")
-
-
-def _lines(state: RegionState) -> Iterator[str]:
-    """What it does, a line for each function."""
-    if state.activity is not None:
-        yield f"{_name(state.activity)} {every(state.period, state.estimate)}"
-    if state.entry is not None:
-        yield f"entry: {_name(state.entry)}"
-    if state.exit is not None:
-        yield f"exit: {_name(state.exit)}"
-
-
-def _name(function: Callable[[], object]) -> str:
-    return getattr(function, "__name__", type(function).__name__)
-
-
-def _symbol(arrow: RegionTransition) -> str:
-    """The event, and below it in brackets what else must be true, a line for each."""
-    conditions = ",\n".join(arrow.conditions)
-    return "\n".join(filter(None, [arrow.event, conditions and f"[{conditions}]"]))

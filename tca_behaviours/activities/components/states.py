@@ -1,11 +1,17 @@
 """The states of a region, and the transitions between them, as they are written."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from tca_behaviours.statecharts.states import Arrow, State, Step
+from tca_behaviours.statecharts.states import Arrow, State, Step, name_of
 from tca_module import MisuseError
-from tca_wire.charts import StateKind
+from tca_wire.charts import ChartArrow, StateKind
+from tca_wire.text.measures import duration
+
+
+def every(period: float, estimate: float | None) -> str:
+    """How often something is ticked, and how long that takes, in words."""
+    return f"every {duration(period)}" + (f", takes {duration(estimate)}" if estimate else "")
 
 
 class RegionState(State["RegionState", "RegionTransition"]):
@@ -22,6 +28,22 @@ class RegionState(State["RegionState", "RegionTransition"]):
 
     def __repr__(self) -> str:
         return f"'{self.region}.{self.label}'"
+
+    def lines(self) -> Iterator[str]:
+        """What it does, a line for each function."""
+        if self.activity is not None:
+            yield f"{name_of(self.activity)} {every(self.period, self.estimate)}"
+        if self.entry is not None:
+            yield f"entry: {name_of(self.entry)}"
+        if self.exit is not None:
+            yield f"exit: {name_of(self.exit)}"
+
+    def ways(self) -> Iterator[ChartArrow]:
+        """The transitions that lead out of it, as data: a line for the event, and for each condition."""
+        for arrow in self.arrows:
+            conditions = ",\n".join(arrow.conditions)
+            symbol = "\n".join(filter(None, [arrow.event, conditions and f"[{conditions}]"]))
+            yield ChartArrow(self.number, arrow.target.number, symbol)
 
     def state(
         self,
@@ -77,7 +99,7 @@ class RegionTransition(Arrow[RegionState]):
     def __init__(
         self, source: RegionState, target: RegionState, event: str, when: Callable[[], bool] | None, needs: list[str]
     ) -> None:
-        guard = [getattr(when, "__name__", type(when).__name__)] if when is not None else []
+        guard = [name_of(when)] if when is not None else []
         super().__init__(source, target, event, (*guard, *needs))
         self.target = target
         self.when = when

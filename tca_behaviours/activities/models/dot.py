@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import msgspec
 
-from tca_behaviours.activities.components.region import every
+from tca_behaviours.activities.components.states import every
 from tca_behaviours.activities.models.model import ApplicationModel, ComponentModel
 from tca_behaviours.activities.models.statecharts import region_of
 from tca_tools.drawing.chart_dot import chart_lines, graph, small, text

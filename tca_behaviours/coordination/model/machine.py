@@ -4,8 +4,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from tca_behaviours.coordination.model.activities import Activity, Agent, checked_facts
 from tca_behaviours.coordination.model.automaton import FlatAutomaton
 from tca_behaviours.coordination.model.interpreter import Interpreter
@@ -13,11 +11,11 @@ from tca_behaviours.coordination.model.mistakes import Mistakes
 from tca_behaviours.coordination.model.situation import Fact, Situation
 from tca_behaviours.coordination.model.soundness import check
 from tca_behaviours.coordination.model.states import DONE, FAILED, AuthoredArrow, AuthoredState
-from tca_behaviours.statecharts.states import UnsoundMachine
-from tca_behaviours.statecharts.writing import BlockMachine, line, parent_number
+from tca_behaviours.statecharts.states import UnsoundMachine, chart_of
+from tca_behaviours.statecharts.writing import BlockMachine
 from tca_module import MisuseError, Variable
 from tca_tools.drawing.chart_dot import chart_dot, likely_arrows, report_marks
-from tca_wire.charts import ChartState, MachineChart, StateKind
+from tca_wire.charts import MachineChart, StateKind
 from tca_wire.coordination import CoordinationReport
 
 
@@ -85,7 +83,7 @@ class Coordination(BlockMachine[AuthoredState]):
     @property
     def chart(self) -> MachineChart:
         """Its structure as data. Raises MisuseError while the machine is being written."""
-        return msgspec.structs.replace(super().chart, agents=[agent.name for agent in self.agents])
+        return chart_of(self.name, self.states, [agent.name for agent in self.agents])
 
     def automaton(self, situation: Situation, mistakes: Mistakes | None = None) -> FlatAutomaton:
         """The machine with its likelihoods in that situation. *mistakes*: takes what their functions raise."""
@@ -109,9 +107,3 @@ class Coordination(BlockMachine[AuthoredState]):
         if not states:
             raise UnsoundMachine(f"{self!r} has no state: write them inside its with block")
         check(states, self.facts)
-
-    def _row(self, state: AuthoredState) -> ChartState:
-        tasks = state.activity.tasks if state.activity is not None else ()
-        agents = ["+".join(agent.name for agent in task.agents) for task in tasks]
-        lines = [line(task.text) + (f" ({names})" if names else "") for task, names in zip(tasks, agents, strict=True)]
-        return ChartState(state.label, state.kind, parent_number(state), lines=lines)

@@ -1,13 +1,13 @@
 """A machine's states and arrows, as they are written down."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from tca_behaviours.coordination.model.activities import Activity
 from tca_behaviours.coordination.model.likelihoods import Likelihood, LikelihoodModel, as_model
 from tca_behaviours.coordination.model.situation import Situation, check_confidence
-from tca_behaviours.statecharts.states import Arrow
-from tca_behaviours.statecharts.writing import BlockState
+from tca_behaviours.statecharts.states import Arrow, name_of
+from tca_behaviours.statecharts.writing import BlockState, line
 from tca_module import MisuseError, Variable
 from tca_wire.charts import StateKind
 
@@ -26,6 +26,12 @@ class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
     ) -> None:
         super().__init__(kind, label, parent)
         self.activity = activity
+
+    def lines(self) -> Iterator[str]:
+        """Its tasks, with the agents that they need."""
+        for task in self.activity.tasks if self.activity is not None else ():
+            agents = "+".join(agent.name for agent in task.agents)
+            yield line(task.text) + (f" ({agents})" if agents else "")
 
     def to(
         self,
@@ -88,4 +94,4 @@ def _name(guard: Any, place: str) -> str:
         return guard.name
     if not callable(guard):
         raise MisuseError(f"{place}: when must be a Variable or a function of the Situation, not {guard!r:.60}")
-    return getattr(guard, "__name__", type(guard).__name__)
+    return name_of(guard)

@@ -9,13 +9,11 @@ from tca_behaviours.missions.charts.soundness import endings_of
 from tca_behaviours.missions.charts.states import MachineState
 from tca_behaviours.missions.client.mission import BaseMission
 from tca_behaviours.missions.outcomes import TaskEnd
-from tca_behaviours.statecharts.writing import BlockMachine, line, parent_number
+from tca_behaviours.statecharts.writing import BlockMachine
 from tca_module import MisuseError
 from tca_tools.drawing.chart_dot import chart_dot
-from tca_wire.charts import ChartArrow, ChartState, Ending, StateKind
+from tca_wire.charts import StateKind
 
-_MOST_PARAMETERS = 6
-"""Lines that a task has in the picture."""
 _KINDS = {"any": StateKind.ANY, "all": StateKind.ALL}
 
 
@@ -30,7 +28,6 @@ class StateMachine(BlockMachine[MachineState]):
 
     def __init__(self, name: str) -> None:
         super().__init__(name, MachineState(self._kind, name, None))
-        self._endings: dict[MachineState, list[Ending]] = {}
 
     def __repr__(self) -> str:
         return repr(self.root)
@@ -96,35 +93,8 @@ class StateMachine(BlockMachine[MachineState]):
         self._draw(path, chart_dot(self.chart, dict.fromkeys(active, "active")))
 
     def _check(self, _states: list[MachineState]) -> None:
-        self._endings = endings_of(self.root)
-
-    def _row(self, state: MachineState) -> ChartState:
-        kind = state.task or state.kind
-        return ChartState(
-            label=state.label,
-            kind=state.kind,
-            parent=parent_number(state),
-            note="" if state.label.rstrip("0123456789 ") == kind or state.kind is StateKind.EPSILON else kind,
-            lines=_shown([f"{name} = {value}" for name, value in state.parameters.items()]),
-            completes=self._completes(state),
-        )
-
-    def _completes(self, state: MachineState) -> bool:
-        is_last = "completed" in self._endings[state] and state.target("completed") is None
-        return is_last and state.parent is not None and not state.parent.kind.is_concurrent
-
-    def _arrow_rows(self) -> list[ChartArrow]:
-        return [
-            ChartArrow(state.number, to.number, "" if ending == "completed" else ending)
-            for state in self.states
-            for ending in self._endings[state]
-            if (to := state.target(ending)) is not None
-        ]
-
-
-def _shown(parameters: list[str]) -> list[str]:
-    left = len(parameters) - _MOST_PARAMETERS
-    return [*map(line, parameters[:_MOST_PARAMETERS]), *([f"and {left} more"] if left > 0 else [])]
+        for state, endings in endings_of(self.root).items():
+            state.endings = endings
 
 
 class Sequence(StateMachine):

@@ -1,12 +1,17 @@
 """A state of a machine, as it is written down: a task, a branching point, or a container of other states."""
 
+from collections.abc import Iterator
 from typing import Any, Self, get_args
 
-from tca_behaviours.statecharts.states import Arrow
-from tca_behaviours.statecharts.writing import BlockState
-from tca_module import MisuseError
-from tca_wire.charts import Ending, StateKind
+from msgspec.structs import replace
 
+from tca_behaviours.statecharts.states import Arrow
+from tca_behaviours.statecharts.writing import BlockState, line
+from tca_module import MisuseError
+from tca_wire.charts import ChartArrow, ChartState, Ending, StateKind
+
+_MOST_PARAMETERS = 6
+"""Lines that a task has in the picture."""
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
 
 
@@ -17,6 +22,8 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         super().__init__(kind, label, parent)
         self.task = ""
         self.parameters: dict[str, Any] = {}
+        self.endings: list[Ending] = []
+        """Those that it can have, when the machine is built."""
 
     def __repr__(self) -> str:
         kind = "concurrence" if self.kind.is_concurrent else self.kind
@@ -48,6 +55,28 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
             brothers = self.parent.children
             return next(iter(brothers[brothers.index(self) + 1 :]), None)
         return None
+
+    def lines(self) -> Iterator[str]:
+        """The parameters of its task."""
+        shown = list(self.parameters.items())
+        for name, value in shown[:_MOST_PARAMETERS]:
+            yield line(f"{name} = {value}")
+        if len(shown) > _MOST_PARAMETERS:
+            yield f"and {len(shown) - _MOST_PARAMETERS} more"
+
+    def row(self) -> ChartState:
+        """It as data, once the machine is numbered."""
+        kind = self.task or self.kind
+        is_said = self.label.rstrip("0123456789 ") == kind or kind is StateKind.EPSILON
+        is_last = "completed" in self.endings and self.target("completed") is None
+        completes = is_last and self.parent is not None and not self.parent.kind.is_concurrent
+        return replace(super().row(), note="" if is_said else kind, completes=completes)
+
+    def ways(self) -> Iterator[ChartArrow]:
+        """The transitions that lead out of it, as data: those that follow from its place in a sequence, too."""
+        for ending in self.endings:
+            if (to := self.target(ending)) is not None:
+                yield ChartArrow(self.number, to.number, "" if ending == "completed" else ending)
 
 
 class EndingArrow(Arrow[MachineState]):
