@@ -89,6 +89,8 @@ class BlockMachine(ABC, Generic[B]):
         return chart_of(self.name, self.states)
 
     def _build(self) -> None:
+        if empty := next((one for one in self.root.all() if one.kind.is_container and not one.children), None):
+            raise UnsoundMachine(f"{empty!r} is empty: write a state inside it")
         states = self._numbered()
         for number, state in enumerate(states):
             state.number = number

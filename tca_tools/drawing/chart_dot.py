@@ -49,7 +49,7 @@ def chart_dot(
 
 
 def graph(lines: Iterable[str]) -> str:
-    """A directed graph that looks like a machine."""
+    """A directed graph, with the looks of all machines."""
     return "digraph machine {\n" + LOOKS + "".join(f"  {line}\n" for line in lines) + "}\n"
 
 

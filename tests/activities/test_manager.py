@@ -81,7 +81,7 @@ def test_every_transition_is_told(town: Town) -> None:
     town.central.advance(0.1)
     told = town.user.get_variable(NAMES.states)
     assert told.states["x.enabling"] == "disabled"
-    assert [(one.region, one.source, one.target, one.event) for one in told.changes] == [
+    assert [(f"{one.component}.{one.region}", one.source, one.target, one.event) for one in told.changes] == [
         ("x.enabling", "disabled", "enabled", "enable"),
         ("x.enabling", "enabled", "disabled", "disable"),
     ]
@@ -123,7 +123,7 @@ def test_a_component_that_is_added_is_known_and_told_of(town: Town) -> None:
     assert "late.movement.machine" in town.allocated()["all"]
     told = town.user.get_variable(NAMES.states)
     assert told.states["late.enabling"] == "enabled"
-    assert ("late.enabling", "enable") in [(one.region, one.event) for one in told.changes]
+    assert ("late", "enabling", "enable") in [(one.component, one.region, one.event) for one in told.changes]
 
 
 def test_commands_change_the_allocation(town: Town) -> None:

@@ -5,7 +5,8 @@ So the execution time of a tick is bounded. Events wait in the region until one 
 
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
+
+import msgspec
 
 from tca_behaviours.activities.components.states import RegionState, RegionTransition
 from tca_behaviours.statecharts.fast import FastInterpreter
@@ -14,7 +15,7 @@ from tca_behaviours.statecharts.states import UnsoundMachine, chart_of
 from tca_wire.charts import MachineChart
 
 
-class RegionChange(NamedTuple):
+class RegionChange(msgspec.Struct, frozen=True):
     """A transition that was made."""
 
     component: str

@@ -11,7 +11,7 @@ from tca_behaviours.coordination.model.mistakes import Mistakes
 from tca_behaviours.coordination.model.situation import Fact, Situation
 from tca_behaviours.coordination.model.soundness import check
 from tca_behaviours.coordination.model.states import DONE, FAILED, AuthoredArrow, AuthoredState
-from tca_behaviours.statecharts.states import UnsoundMachine, chart_of
+from tca_behaviours.statecharts.states import chart_of
 from tca_behaviours.statecharts.writing import BlockMachine
 from tca_module import MisuseError, Variable
 from tca_tools.drawing.chart_dot import chart_dot, likely_arrows, report_marks
@@ -30,7 +30,7 @@ class Coordination(BlockMachine[AuthoredState]):
     def __init__(
         self, name: str, *, facts: Mapping[str, Fact] | None = None, watch: Iterable[Variable[Any]] = ()
     ) -> None:
-        super().__init__(name, AuthoredState(StateKind.COMPOUND, "", None))
+        super().__init__(name, AuthoredState(StateKind.COMPOUND, name, None))
         self.facts = checked_facts(facts or {}, "facts")
         """What holds at the start."""
         self._watch = list(watch)
@@ -104,6 +104,4 @@ class Coordination(BlockMachine[AuthoredState]):
         return list(self.root.all())[1:]  # it has no frame around it all
 
     def _check(self, states: list[AuthoredState]) -> None:
-        if not states:
-            raise UnsoundMachine(f"{self!r} has no state: write them inside its with block")
         check(states, self.facts)

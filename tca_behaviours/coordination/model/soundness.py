@@ -22,20 +22,17 @@ def check(states: list[AuthoredState], facts: Mapping[str, Fact]) -> None:
         _check_first(state)
     for state in states:
         _check_events(state)
-        _check_agents(state)
     leaves = [state for state in states if state.kind is not StateKind.COMPOUND]
+    _check_agents(leaves)
     for leaf in leaves:
         _check_way_out(leaf)
         _check_constants(leaf)
     _check_ends(leaves)
     check_arrows(states)
-    _check_capacities(leaves)
     _check_needs(leaves, facts)
 
 
 def _check_first(state: AuthoredState) -> None:
-    if state.kind is StateKind.COMPOUND and not state.children:
-        raise UnsoundMachine(f"compound {state!r} is empty: write a state inside it")
     if state.kind is StateKind.FINAL and state is next(state.around()).children[0]:
         raise UnsoundMachine(f"the final state {state!r} comes first, so nothing is done: write it after others")
 
@@ -59,25 +56,18 @@ def _check_events(state: AuthoredState) -> None:
                 raise UnsoundMachine(f"{msg}: give it an arrow for 'done' without a guard")
 
 
-def _check_agents(state: AuthoredState) -> None:
-    if state.activity is None:
-        return
-    used = Counter(agent for task in state.activity.tasks for agent in task.agents)
-    for agent, times in used.items():
-        if times > agent.tasks:
-            msg = f"the activity of {state!r} needs agent '{agent.name}' for {times} tasks at once, and it takes"
-            raise UnsoundMachine(f"{msg} {agent.tasks}: put the tasks into states of their own")
-
-
-def _check_capacities(leaves: list[AuthoredState]) -> None:
-    """Agents of one name are one agent."""
+def _check_agents(leaves: list[AuthoredState]) -> None:
+    """Agents of one name are one agent, and no activity needs one too often."""
     known: dict[str, Agent] = {}
     for leaf in leaves:
-        for task in leaf.activity.tasks if leaf.activity is not None else ():
-            for agent in task.agents:
-                if known.setdefault(agent.name, agent) != agent:
-                    msg = f"agent '{agent.name}' takes {counted(known[agent.name].tasks, 'task')} at once"
-                    raise UnsoundMachine(f"{msg}, and in {leaf!r} {agent.tasks}: make one Agent and use it everywhere")
+        tasks = leaf.activity.tasks if leaf.activity is not None else ()
+        for agent, times in Counter(agent for task in tasks for agent in task.agents).items():
+            if known.setdefault(agent.name, agent) != agent:
+                msg = f"agent '{agent.name}' takes {counted(known[agent.name].tasks, 'task')} at once"
+                raise UnsoundMachine(f"{msg}, and in {leaf!r} {agent.tasks}: make one Agent and use it everywhere")
+            if times > agent.tasks:
+                msg = f"the activity of {leaf!r} needs agent '{agent.name}' for {times} tasks at once, and it takes"
+                raise UnsoundMachine(f"{msg} {agent.tasks}: put the tasks into states of their own")
 
 
 def _check_way_out(leaf: AuthoredState) -> None:

@@ -43,8 +43,6 @@ class _Search:
             return dict.fromkeys(ENDINGS, False)
         if state.kind is StateKind.EPSILON:
             return {"completed": True}
-        if not state.children:
-            raise UnsoundMachine(f"{state!r} is empty: write a state inside it")
         return self._concurrence(state) if state.kind.is_concurrent else self._one_at_a_time(state)
 
     def _concurrence(self, state: MachineState) -> Exits:
