@@ -6,7 +6,7 @@ from functools import cache
 from tca_behaviours.activities.components.region import Region
 from tca_behaviours.activities.models.model import RegionModel, StateModel, TransitionModel
 from tca_module import MisuseError
-from tca_tools.user_toml import BadUserFile, advice
+from tca_tools.user_toml import BadUserFile, check_known
 
 
 def check_estimate(place: str, period: float, estimate: float) -> None:
@@ -32,10 +32,8 @@ def check_region(place: str, region: RegionModel, regions: dict[str, RegionModel
 
 
 def _check_state(place: str, state: StateModel, above: dict[str, StateModel], initial: dict[str, str]) -> None:
-    if state.inside and state.inside not in above:
-        raise BadUserFile(
-            f"{place}: it stands inside '{state.inside}', which is no state above it: {advice(state.inside, above)}"
-        )
+    if state.inside:
+        check_known(f"{place}.inside", "outer state", state.inside, above)
     if state.initial:
         if other := initial.get(state.inside):
             raise BadUserFile(f"{place}: '{other}' is initial, too: leave one of them out")
@@ -50,16 +48,12 @@ def _check_transition(
 ) -> None:
     names = [state.name for state in region.states]
     for end, name in (("from", transition.source), ("to", transition.target)):
-        if name not in names:
-            raise BadUserFile(f"{place}.{end}: region '{region.name}' has no state '{name}': {advice(name, names)}")
+        check_known(f"{place}.{end}", "state", name, names)
     for need in transition.needs:
         other, _, state = need.partition(".")
-        if other not in regions:
-            raise BadUserFile(f"{place}.needs: '{need}': there is no region '{other}': {advice(other, regions)}")
-        if state not in (known := [one.name for one in regions[other].states]):
-            raise BadUserFile(
-                f"{place}.needs: '{need}': region '{other}' has no state '{state}': {advice(state, known)}"
-            )
+        at = f"{place}.needs '{need}'"
+        check_known(at, "region", other, regions)
+        check_known(at, "state", state, [one.name for one in regions[other].states])
 
 
 def ordered(states: list[StateModel], inside: str = "") -> Iterator[StateModel]:
