@@ -102,6 +102,8 @@ class Arrow(Generic[S]):
         self.source = source
         self.event = event
         self.conditions = conditions
+        self.symbol = f"{event} [{', '.join(conditions)}]".lstrip() if conditions else event
+        """Its event, with what else must be true in brackets."""
         self._named = target
         if not isinstance(target, State | str):
             raise MisuseError(f"{source!r}: a transition takes a state or its label, not {target!r:.60}")
@@ -116,11 +118,6 @@ class Arrow(Generic[S]):
     def label(self) -> str:
         """The label of the state that it leads to."""
         return self._named if isinstance(self._named, str) else self._named.label
-
-    @property
-    def symbol(self) -> str:
-        """Its event, with what else must be true in brackets."""
-        return f"{self.event} [{', '.join(self.conditions)}]".lstrip() if self.conditions else self.event
 
     @property
     def key(self) -> object:

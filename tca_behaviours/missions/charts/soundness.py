@@ -64,7 +64,8 @@ class _Search:
     def _one_at_a_time(self, state: MachineState) -> Exits:
         left = {child: self.exits(child) for child in state.children}
         follow = {child: [to for to in exits if to in left] for child, exits in left.items()}
-        check_all_reached([child for child in left if child not in all_reached(state.children[0], follow.__getitem__)])
+        reached = all_reached(state.children[0], follow.__getitem__)
+        check_all_reached([child for child in left if child not in reached])
         idle = {child: [to for to, is_idle in exits.items() if is_idle and to in left] for child, exits in left.items()}
         check_no_circle(idle)
         at_once = all_reached(state.children[0], idle.__getitem__)
