@@ -39,16 +39,6 @@ def holds(_: Situation) -> bool:
     return True
 
 
-def _empty_compound(m: Coordination) -> None:
-    m.state("a", move()).to("b")
-    m.compound("b")
-
-
-def _twice(m: Coordination) -> None:
-    m.state("a")
-    m.final("a")
-
-
 def _unknown(m: Coordination) -> None:
     m.state("a").to("home", "go")
     m.state("b")
