@@ -80,10 +80,10 @@ class MachineChart(msgspec.Struct, frozen=True, omit_defaults=True):
     name: str
     states: list[ChartState]
     arrows: list[ChartArrow] = []
-    agents: list[str] | None = None
-    """The agents of a coordinator's machine, whose progress is a ``CoordinationReport``. A machine of tasks has none:
-    its progress is ``ActiveStates``.
-    """
+    is_coordinated: bool = False
+    """Whether a coordinator runs it: then its progress is a ``CoordinationReport``, and else ``ActiveStates``."""
+    agents: list[str] = []
+    """The agents that a coordinator has for its tasks."""
 
     def __post_init__(self) -> None:
         numbers = range(len(self.states))

@@ -41,7 +41,7 @@ def _reports(entries: Iterable[Entry]) -> Iterator[tuple[MachineChart, Coordinat
                 formats[fact.message] = fact.data
             elif isinstance(fact, Received):
                 chart = read_machine(formats.get(fact.message, ""), fact.body)
-                if chart is not None and chart.agents is not None:
+                if chart is not None and chart.is_coordinated:
                     charts[fact.id] = chart
             elif (
                 isinstance(fact, StateChanged)

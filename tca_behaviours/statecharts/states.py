@@ -152,10 +152,9 @@ class Arrow(Generic[S]):
         return self.event == other.event and (not other.conditions or self.key == other.key)
 
 
-def chart_of(name: str, states: Sequence[State[Any, Any]], agents: list[str] | None = None) -> MachineChart:
+def chart_of(name: str, states: Sequence[State[Any, Any]]) -> MachineChart:
     """A machine as data. Its states get the numbers of their places."""
     for number, state in enumerate(states):
         state.number = number
-    return MachineChart(
-        name, [state.row() for state in states], [way for state in states for way in state.ways()], agents
-    )
+    ways = [way for state in states for way in state.ways()]
+    return MachineChart(name, [state.row() for state in states], ways)

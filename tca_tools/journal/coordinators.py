@@ -124,7 +124,7 @@ def coordinator_of(run: Run, task: Task) -> CoordinatorRecord | None:
     if key not in run.memo:
         known = run.formats.get(task.name)
         chart = read_machine(known.data, task.body) if known is not None else None
-        run.memo[key] = CoordinatorRecord(chart) if chart is not None and chart.agents is not None else None
+        run.memo[key] = CoordinatorRecord(chart) if chart is not None and chart.is_coordinated else None
     record: CoordinatorRecord | None = run.memo[key]
     if record is not None:
         record.read_on(run, task)

@@ -56,7 +56,7 @@ def _schedule(run: Run, record: CoordinatorRecord) -> AgentSchedule | None:
     start, end = min(span[0] for span in spans.values()), max(span[1] for span in spans.values())
     boxes = {one.id: _box(run, one, spans[one.id], start) for one in record.tasks.values() if one.id in spans}
     rows = []
-    for agent in record.chart.agents or ():
+    for agent in record.chart.agents:
         tasks = [one for one in record.tasks.values() if f"+{agent}+" in f"+{one.agent}+"]
         whose = [boxes[one.id] for one in tasks if one.id in boxes]
         rows.append(_row(agent, whose, end - start))

@@ -23,7 +23,7 @@ def machine_answer(at: RunAt, task: TaskAt) -> dict[str, Any]:
     if (chart := _machine(at.run, task.record)) is None:
         return {}
     told = b"" if task.state in OVER else task.life.progress
-    if chart.agents is None:
+    if not chart.is_coordinated:
         return {"machine": {"active": _known(chart, read_active(told).active)}}
     if (report := read_report(told)) is None:
         return {"machine": {"active": [], "foreseen": [], "likely": {}}}

@@ -32,7 +32,7 @@ def test_a_machine_and_its_progress() -> None:
     body = msgspec.msgpack.encode({"name": "patrol", "states": [WHOLE, TASK], "arrows": [arrow]})
     chart = read_machine(FORMAT, body)
     assert isinstance(chart, MachineChart)
-    assert (chart.inside(0), chart.entered(0), chart.around(1), chart.agents) == ([1], 1, [1, 0], None)
+    assert (chart.inside(0), chart.entered(0), chart.around(1)) == ([1], 1, [1, 0])
     assert read_machine("{}", body) is None
     told = ActiveStates(["GoTo"], "Wait has completed", [0, 1])
     assert read_active(msgspec.msgpack.encode(told)) == told

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
+
 from tca_behaviours.coordination.model.activities import Activity, Agent, checked_facts
 from tca_behaviours.coordination.model.automaton import FlatAutomaton
 from tca_behaviours.coordination.model.interpreter import Interpreter
@@ -11,7 +13,6 @@ from tca_behaviours.coordination.model.mistakes import Mistakes
 from tca_behaviours.coordination.model.situation import Fact, Situation
 from tca_behaviours.coordination.model.soundness import check
 from tca_behaviours.coordination.model.states import DONE, FAILED, AuthoredArrow, AuthoredState
-from tca_behaviours.statecharts.states import chart_of
 from tca_behaviours.statecharts.writing import BlockMachine
 from tca_module import MisuseError, Variable
 from tca_tools.drawing.chart_dot import chart_dot, likely_arrows, report_marks
@@ -83,7 +84,8 @@ class Coordination(BlockMachine[AuthoredState]):
     @property
     def chart(self) -> MachineChart:
         """Its structure as data. Raises MisuseError while the machine is being written."""
-        return chart_of(self.name, self.states, [agent.name for agent in self.agents])
+        agents = [agent.name for agent in self.agents]
+        return replace(super().chart, is_coordinated=True, agents=agents)
 
     def automaton(self, situation: Situation, mistakes: Mistakes | None = None) -> FlatAutomaton:
         """The machine with its likelihoods in that situation. *mistakes*: takes what their functions raise."""
