@@ -68,3 +68,9 @@ def advice(name: str, known: Iterable[str]) -> str:
     """The nearest of the names that there are, or all of them."""
     nearest = get_close_matches(name, known := sorted(known), n=1)
     return f"did you mean '{nearest[0]}'?" if nearest else f"there are {', '.join(known) or 'none'}"
+
+
+def check_known(place: str, what: str, name: str, known: Iterable[str]) -> None:
+    """That a name is one of those that there are. Raises BadUserFile."""
+    if name not in known:
+        raise BadUserFile(f"{place}: {what} '{name}' is unknown: {advice(name, known)}")

@@ -1,77 +1,13 @@
-"""Coordination with a preview, as data: what a coordinator that runs tells those who watch it.
+"""Coordination with a preview, as data: the progress of a coordinator.
 
-A coordinator is a task. The structure of its machine is the data of that task. Its progress says which state it is in,
-which states it foresees, and which of its tasks are early; so a late observer, and the journal, have it all.
+It says which state its machine (``charts``) is in, which states it foresees, and which of its tasks are early.
 """
 
 from enum import StrEnum
-from typing import TypeVar
 
 import msgspec
 
-
-class ActivityKind(StrEnum):
-    """What a state of a coordination machine does."""
-
-    ACTIVITY = "activity"
-    """It sends its tasks, and is done when they are."""
-    WAIT = "wait"
-    """It has no tasks: it waits for an event."""
-    COMPOUND = "compound"
-    """It holds other states; the first of them is entered."""
-    FINAL = "final"
-    """Its compound is done; at the top, the machine has ended."""
-
-    @property
-    def is_container(self) -> bool:
-        """Whether it holds states."""
-        return self is ActivityKind.COMPOUND
-
-
-class CoordinationState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A state of a machine. Its number is its place in ``CoordinationChart.states``."""
-
-    label: str
-    kind: ActivityKind
-    parent: int = -1
-    """The compound that holds it; -1: none does."""
-    tasks: list[str] = []
-    """Of its activity, in words: message and data."""
-    agents: list[str] = []
-    """The agents that its tasks need, one entry for each task: names, joined by "+"."""
-
-
-class CoordinationArrow(msgspec.Struct, frozen=True):
-    """A transition between two states."""
-
-    source: int
-    target: int
-    symbol: str
-    """Its event, with the guard in brackets: ``"done [box B is free]"``."""
-
-
-class CoordinationChart(msgspec.Struct, frozen=True):
-    """A whole machine; a state comes after the one that holds it. The first state is entered first."""
-
-    machine: str
-    agents: list[str]
-    states: list[CoordinationState]
-    arrows: list[CoordinationArrow]
-
-    def __post_init__(self) -> None:
-        numbers = range(len(self.states))
-        if not self.states:
-            raise ValueError("a machine has a state, at least")
-        for number, state in enumerate(self.states):
-            if state.parent != -1 and state.parent not in numbers[:number]:
-                raise ValueError(f"state {number} stands in {state.parent}, which does not come before it")
-        for arrow in self.arrows:
-            if arrow.source not in numbers or arrow.target not in numbers:
-                raise ValueError(f"an arrow from {arrow.source} to {arrow.target}: there are {len(numbers)} states")
-
-    def inside(self, number: int) -> list[int]:
-        """The states that one holds, in their order."""
-        return [inner for inner, state in enumerate(self.states) if state.parent == number]
+from tca_wire.charts import decoded
 
 
 class Foreseen(msgspec.Struct, frozen=True):
@@ -165,22 +101,6 @@ class CoordinationReport(msgspec.Struct, frozen=True):
     """The activities of the preview list that have not started early, and the objections."""
 
 
-_T = TypeVar("_T")
-_MARK = "#/$defs/CoordinationChart"
-
-
-def read_chart(data_format: str, body: bytes) -> CoordinationChart | None:
-    """The machine that a task runs, by the format of its data; None if it runs none."""
-    return _decoded(body, CoordinationChart) if _MARK in data_format else None
-
-
 def read_report(body: bytes) -> CoordinationReport | None:
     """A report of a coordinator; None if the bytes are none."""
-    return _decoded(body, CoordinationReport)
-
-
-def _decoded(body: bytes, kind: type[_T]) -> _T | None:
-    try:
-        return msgspec.msgpack.decode(body, type=kind)
-    except (msgspec.MsgspecError, RecursionError):
-        return None
+    return decoded(body, CoordinationReport)

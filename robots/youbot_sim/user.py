@@ -22,9 +22,9 @@ def make_module(coordinator: Coordinator) -> Module:
         for _ in range(count):
             next(ready)
             task.command(OFFER_OBJECT, sequential=False).result()
-            task.broadcast(COORDINATION_EVENT, MachineEvent(chart.machine, GIVEN))
+            task.broadcast(COORDINATION_EVENT, MachineEvent(chart.name, GIVEN))
         next(ready)
-        task.broadcast(COORDINATION_EVENT, MachineEvent(chart.machine, ENOUGH))
+        task.broadcast(COORDINATION_EVENT, MachineEvent(chart.name, ENOUGH))
         delivering.result()
 
     return user

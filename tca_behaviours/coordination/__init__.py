@@ -1,57 +1,33 @@
 """Coordination of a robot's activities by a state machine that looks ahead."""
 
-from tca_behaviours.coordination.learning import count_transitions
-from tca_behaviours.coordination.model.activities import Activity, Agent, Do
-from tca_behaviours.coordination.model.automaton import Automaton, FlatAutomaton, LikelyArrow
-from tca_behaviours.coordination.model.errors import UnsoundCoordination
-from tca_behaviours.coordination.model.likelihoods import Learned, LikelihoodModel, Perceived, Prior, Weighted
-from tca_behaviours.coordination.model.machine import Coordination
-from tca_behaviours.coordination.model.situation import Fact, Situation
-from tca_behaviours.coordination.model.statechart import Interpreter, TakenArrow
-from tca_behaviours.coordination.model.states import AuthoredState, CompoundState
-from tca_behaviours.coordination.preview.policy import (
-    Candidate,
-    Continuous,
-    Discrete,
-    Policy,
-    expected_gain,
-    progress_only,
-)
-from tca_behaviours.coordination.preview.walk import PreviewLimits, most_likely
-from tca_behaviours.coordination.running.coordinator import Coordinator
-from tca_behaviours.coordination.running.messages import COORDINATION_EVENT, CoordinationEnd, MachineEvent
-
-__all__ = [
-    "COORDINATION_EVENT",
-    "Activity",
-    "Agent",
-    "AuthoredState",
-    "Automaton",
-    "Candidate",
-    "CompoundState",
-    "Continuous",
-    "Coordination",
-    "CoordinationEnd",
-    "Coordinator",
-    "Discrete",
-    "Do",
-    "Fact",
-    "FlatAutomaton",
-    "Interpreter",
-    "Learned",
-    "LikelihoodModel",
-    "LikelyArrow",
-    "MachineEvent",
-    "Perceived",
-    "Policy",
-    "PreviewLimits",
-    "Prior",
-    "Situation",
-    "TakenArrow",
-    "UnsoundCoordination",
-    "Weighted",
-    "count_transitions",
-    "expected_gain",
-    "most_likely",
-    "progress_only",
-]
+from tca_behaviours.coordination.learning import count_transitions as count_transitions
+from tca_behaviours.coordination.model.activities import Activity as Activity
+from tca_behaviours.coordination.model.activities import Agent as Agent
+from tca_behaviours.coordination.model.activities import Do as Do
+from tca_behaviours.coordination.model.automaton import Automaton as Automaton
+from tca_behaviours.coordination.model.automaton import FlatAutomaton as FlatAutomaton
+from tca_behaviours.coordination.model.automaton import LikelyArrow as LikelyArrow
+from tca_behaviours.coordination.model.interpreter import Interpreter as Interpreter
+from tca_behaviours.coordination.model.interpreter import TakenArrow as TakenArrow
+from tca_behaviours.coordination.model.likelihoods import Learned as Learned
+from tca_behaviours.coordination.model.likelihoods import LikelihoodModel as LikelihoodModel
+from tca_behaviours.coordination.model.likelihoods import Perceived as Perceived
+from tca_behaviours.coordination.model.likelihoods import Prior as Prior
+from tca_behaviours.coordination.model.likelihoods import Weighted as Weighted
+from tca_behaviours.coordination.model.machine import Coordination as Coordination
+from tca_behaviours.coordination.model.situation import Fact as Fact
+from tca_behaviours.coordination.model.situation import Situation as Situation
+from tca_behaviours.coordination.model.states import AuthoredState as AuthoredState
+from tca_behaviours.coordination.preview.policy import Candidate as Candidate
+from tca_behaviours.coordination.preview.policy import Continuous as Continuous
+from tca_behaviours.coordination.preview.policy import Discrete as Discrete
+from tca_behaviours.coordination.preview.policy import Policy as Policy
+from tca_behaviours.coordination.preview.policy import expected_gain as expected_gain
+from tca_behaviours.coordination.preview.policy import progress_only as progress_only
+from tca_behaviours.coordination.preview.walk import PreviewLimits as PreviewLimits
+from tca_behaviours.coordination.preview.walk import most_likely as most_likely
+from tca_behaviours.coordination.running.coordinator import Coordinator as Coordinator
+from tca_behaviours.coordination.running.messages import COORDINATION_EVENT as COORDINATION_EVENT
+from tca_behaviours.coordination.running.messages import CoordinationEnd as CoordinationEnd
+from tca_behaviours.coordination.running.messages import MachineEvent as MachineEvent
+from tca_behaviours.statecharts.states import UnsoundMachine as UnsoundMachine

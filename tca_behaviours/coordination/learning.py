@@ -5,12 +5,13 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from tca_tools.journal.journals import Log
-from tca_wire.coordination import CoordinationChart, CoordinationReport, read_chart, read_report
+from tca_wire.charts import MachineChart, read_machine
+from tca_wire.coordination import CoordinationReport, read_report
 from tca_wire.journal.facts import Entry, FormatDefined, Received, StateChanged
 
 
 def count_transitions(
-    journals: Iterable[Path | str | Iterable[Entry]], chart: CoordinationChart
+    journals: Iterable[Path | str | Iterable[Entry]], chart: MachineChart
 ) -> dict[tuple[str, str], int]:
     """How often each state of a machine was left by each symbol, by (label, symbol): for ``Learned``. Runs of another
     machine do not count, nor do transitions that this one has not.
@@ -25,21 +26,22 @@ def count_transitions(
     counts: Counter[tuple[str, str]] = Counter()
     for journal in journals:
         for run, report in _reports(Log(Path(journal)) if isinstance(journal, Path | str) else journal):
-            if run.machine == chart.machine and report.taken in symbols and 0 <= report.before < len(run.states):
+            if run.name == chart.name and report.taken in symbols and 0 <= report.before < len(run.states):
                 counts[run.states[report.before].label, report.taken] += 1
     return {pair: count for pair, count in counts.items() if pair[0] in labels}
 
 
-def _reports(entries: Iterable[Entry]) -> Iterator[tuple[CoordinationChart, CoordinationReport]]:
+def _reports(entries: Iterable[Entry]) -> Iterator[tuple[MachineChart, CoordinationReport]]:
     """What the coordinators of a run have reported, each with its machine."""
     formats: dict[str, str] = {}
-    charts: dict[int, CoordinationChart] = {}
+    charts: dict[int, MachineChart] = {}
     for entry in entries:
         for fact in entry.facts:
             if isinstance(fact, FormatDefined):
                 formats[fact.message] = fact.data
             elif isinstance(fact, Received):
-                if chart := read_chart(formats.get(fact.message, ""), fact.body):
+                chart = read_machine(formats.get(fact.message, ""), fact.body)
+                if chart is not None and chart.is_coordinated:
                     charts[fact.id] = chart
             elif (
                 isinstance(fact, StateChanged)

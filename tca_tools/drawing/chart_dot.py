@@ -1,119 +1,194 @@
-"""A state machine of tasks as a picture, in the language of Graphviz.
+"""A state machine as a picture, in the language of Graphviz.
 
-Tasks are boxes, and containers are frames around them. A dot is where a container begins, a ring where it has
-completed. In the SVG the state of number 3 has the id "state-3", and those that are active the class "active".
+States are boxes with what they do, and containers are frames around them. A dot is where a machine or a container
+begins, a ring where a container has completed; a double frame is a final state. In the SVG the state of number 3 has
+the id "state-3", and the class "active", "current" or "foreseen" if it is.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from html import escape
+from itertools import pairwise
 
-from tca_tools.drawing.dot import FAINT, INK, LONGEST_NAME, LOOKS, NOWHERE, POINT, frames, head, tail, text
-from tca_wire.charts import ChartState, Ending, MachineChart, StateKind
+from tca_tools.terminal import cut
+from tca_wire.charts import ChartState, MachineChart, StateKind
+from tca_wire.coordination import CoordinationReport
+from tca_wire.text.measures import percent
+from tca_wire.text.printable import printable
 
-_ACTIVE, _ACTIVE_FRAME = "#ffcf70", "#c77700"
-_COLOURS: dict[Ending, str] = {"completed": INK, "failed": "#b3261e", "timeout": "#8a6d00", "interrupted": "#7b3fa0"}
-"""The colours of arrows, by the ending that they stand for."""
-_LONGEST_PARAMETER, _MOST_PARAMETERS = 36, 6
-
-
-def chart_dot(chart: MachineChart, active: Collection[int] = ()) -> str:
-    """A directed graph of the machine; the states whose numbers are in *active* stand out."""
-    lines = [f"  {line}" for line in _frame(chart, 0, active)]
-    lines += [f"  {line}" for line in _arrows(chart)]
-    return "digraph machine {\n" + LOOKS + "\n".join(lines) + "\n}\n"
-
-
-def _frame(chart: MachineChart, number: int, active: Collection[int]) -> Iterator[str]:
-    """A container, with all that is inside."""
-    state = chart.states[number]
-    inside = chart.inside(number)
-    is_active = number in active
-    style = "rounded,dashed" if state.kind.is_concurrent else "rounded"
-    looks = f'color="{_ACTIVE_FRAME}", penwidth=2' if is_active else f'color="{FAINT}", penwidth=1'
-    kind = f'  <font point-size="10" color="{FAINT}">{state.kind}</font>' if _says_kind(state) else ""
-    yield f"subgraph cluster_{number} {{"
-    # what is not said here would be taken from the frame around
-    yield f'  graph [{_id(number, is_active)}, style="{style}", {looks},'
-    yield f"    label=<<b>{text(state.label, LONGEST_NAME)}</b>{kind}>];"
-    if state.kind.is_concurrent:
-        yield f"  begin_{number} [{NOWHERE}];"
-    else:
-        yield f'  begin_{number} [{POINT}, fillcolor="{INK}"];'
-    for inner in inside:
-        rows = _frame(chart, inner, active) if chart.states[inner].kind.is_container else _node(chart, inner, active)
-        yield from (f"  {row}" for row in rows)
-    if _shows_end(chart, number):
-        yield f"  end_{number} [{POINT}, fillcolor=white, peripheries=2];"
-    else:
-        yield f"  end_{number} [{NOWHERE}];"
-    yield "}"
+INK, FAINT = "#1f2933", "#52606d"
+LOOKS = f"""\
+  graph [fontname="Helvetica,Arial,sans-serif", fontsize=12, fontcolor="{INK}", labelloc=t, labeljust=l,
+    bgcolor=white, pad=0.3, nodesep=0.4, ranksep=0.4, compound=true];
+  node [shape=box, style="rounded,filled", fillcolor=white, fontname="Helvetica,Arial,sans-serif", fontsize=12,
+    fontcolor="{INK}", color="{INK}", penwidth=1, margin="0.12,0.06", height=0.3];
+  edge [fontname="Helvetica,Arial,sans-serif", fontsize=10, penwidth=1, arrowsize=0.7,
+    fontcolor="{INK}", color="{INK}"];
+"""
+_BEGIN = f'{{}} [shape=circle, label="", width=0.11, height=0.11, fixedsize=true, fillcolor="{INK}"];'
+_RING = '{} [shape=circle, label="", width=0.11, height=0.11, fixedsize=true, peripheries=2];'
+_NOWHERE = '{} [shape=point, width=0.01, height=0.01, style=invis, label=""];'
+_SHAPES = {
+    StateKind.FINAL: "peripheries=2,",
+    StateKind.EPSILON: "shape=ellipse, style=filled,",
+}
+_LEFT = '<br align="left"/>'
+_FILLS = {"active": "#ffcf70", "current": "#9fdc8f", "foreseen": "#ffe27a"}
+_ACTIVE_FRAME, _LIKELY = "#c77700", "#9a6b00"
+_COLOURS = {"failed": "#b3261e", "timeout": "#8a6d00", "interrupted": "#7b3fa0"}
+"""The colours of arrows for endings that are no success."""
+_LONGEST, _LONGEST_LINE = 36, 88
 
 
-def _says_kind(state: ChartState) -> bool:
-    return state.label.rstrip("0123456789 ") != state.kind
+def chart_dot(
+    chart: MachineChart, marks: Mapping[int, str] | None = None, likely: Mapping[int, str] | None = None
+) -> str:
+    """A directed graph of the machine. *marks*: the classes of states that stand out, by their numbers; *likely*: the
+    likelihoods of arrows that do, by their places.
+    """
+    return graph(_Picture(chart, marks or {}, likely or {}).lines())
 
 
-def _node(chart: MachineChart, number: int, active: Collection[int]) -> Iterator[str]:
-    state = chart.states[number]
-    is_active = number in active
-    fill = f', fillcolor="{_ACTIVE}", penwidth=2' if is_active else ""
-    if state.kind is StateKind.EPSILON:
-        looks = f"shape=ellipse, style=filled, fontsize=10, label=<{text(state.label, LONGEST_NAME)}>"
-    else:
-        looks = f"label=<{'<br/>'.join(_lines(state))}>"
-    yield f"s{number} [{_id(number, is_active)}, {looks}{fill}];"
+def graph(lines: Iterable[str]) -> str:
+    """A directed graph, with the looks of all machines."""
+    return "digraph machine {\n" + LOOKS + "".join(f"  {line}\n" for line in lines) + "}\n"
 
 
-def _lines(state: ChartState) -> Iterator[str]:
-    name = text(state.label, LONGEST_NAME)
-    is_named = state.label.rstrip("0123456789 ") != state.task
-    task = f' <font color="{FAINT}">{text(state.task, LONGEST_NAME)}</font>' if is_named else ""
-    yield f"<b>{name}</b>{task}"
-    shown = list(state.parameters.items())
-    for key, value in shown[:_MOST_PARAMETERS]:
-        yield f'<font point-size="9" color="{FAINT}">{text(f"{key} = {value}", _LONGEST_PARAMETER)}</font>'
-    if len(shown) > _MOST_PARAMETERS:
-        yield f'<font point-size="9" color="{FAINT}">and {len(shown) - _MOST_PARAMETERS} more</font>'
+def chart_lines(chart: MachineChart) -> Iterator[str]:
+    """The lines of a machine that stands in a larger graph."""
+    return _Picture(chart, {}, {}).lines()
 
 
-def _arrows(chart: MachineChart) -> Iterator[str]:
-    for number, state in enumerate(chart.states):
-        inside = chart.inside(number)
-        if state.kind.is_concurrent:  # they stand below its beginning, and above its end
+def report_marks(report: CoordinationReport) -> dict[int, str]:
+    """The states that stand out in a run with a preview: the current one, and those that it foresees."""
+    return {**{row.state: "foreseen" for row in report.preview}, report.current: "current"}
+
+
+def likely_arrows(chart: MachineChart, report: CoordinationReport) -> dict[int, str]:
+    """The arrows on the path that is foreseen, by their places in the chart: their likelihoods in words."""
+    foreseen = {row.state: percent(row.likelihood) for row in reversed(report.preview)}
+    path = [report.current, *(row.state for row in report.preview)]
+    steps = set(pairwise(number for number in path if 0 <= number < len(chart.states)))
+    return {
+        place: foreseen[after]
+        for place, arrow in enumerate(chart.arrows)
+        for before, after in steps
+        if after == chart.entered(arrow.target) and arrow.source in chart.around(before)
+    }
+
+
+def text(words: str, longest: int = _LONGEST) -> str:
+    """Words in a label of HTML."""
+    return escape(cut(printable(words), longest)) or "?"
+
+
+def small(words: str) -> str:
+    """A line of a label, in small print."""
+    return f'<font point-size="9" color="{FAINT}">{text(words, _LONGEST_LINE)}</font>'
+
+
+class _Picture:
+    def __init__(self, chart: MachineChart, marks: Mapping[int, str], likely: Mapping[int, str]) -> None:
+        self.chart = chart
+        self.states = chart.states
+        self.marks = marks
+        self.likely = likely
+
+    def lines(self) -> Iterator[str]:
+        """All states, then all arrows."""
+        tops = self.chart.inside(-1)
+        if self.states[0].kind in (StateKind.ACTIVITY, StateKind.WAIT, StateKind.COMPOUND):  # no frame around it all
+            yield _BEGIN.format("begin")
+            yield self._arrow("begin", self._head(tops[0]), self._cut(-1, tops[0]))
+        for top in tops:
+            yield from self._state(top)
+        for number in range(len(self.states)):
+            yield from self._ways_inside(number)
+        for place in range(len(self.chart.arrows)):
+            yield self._transition(place)
+
+    # --- states ------------------------------------------------------------------------------------------------------
+
+    def _state(self, number: int) -> Iterator[str]:
+        state, mark = self.states[number], self.marks.get(number, "")
+        names = f'id="state-{number}", class="{mark}"'
+        if not self._is_frame(number):
+            fill = f'fillcolor="{_FILLS[mark]}", penwidth=2' if mark else ""
+            yield f"s{number} [{names}, label=<{_label(state, '<br/>')}>, {_SHAPES.get(state.kind, '')} {fill}];"
+            return
+        style = "rounded,dashed" if state.kind.is_concurrent else "rounded"
+        looks = f'color="{_ACTIVE_FRAME}", penwidth=2' if mark else f'color="{FAINT}", penwidth=1'
+        yield f'subgraph cluster_{number} {{ graph [{names}, style="{style}", {looks},'
+        yield f"  label=<{_label(state, _LEFT)}{_LEFT}>];"
+        yield (_NOWHERE if state.kind.is_concurrent else _BEGIN).format(f"begin_{number}")
+        for inner in self.chart.inside(number):
+            yield from self._state(inner)
+        yield (_RING if self._has_ring(number) else _NOWHERE).format(f"end_{number}") + " }"
+
+    # --- arrows ------------------------------------------------------------------------------------------------------
+
+    def _ways_inside(self, number: int) -> Iterator[str]:
+        """From where a container begins to its first state, and from its last ones to where it ends."""
+        inside, begin, end = self.chart.inside(number), f"begin_{number}", f"end_{number}"
+        if self.states[number].kind.is_concurrent:  # they stand below its beginning, and above its end
             for inner in inside:
-                yield f"begin_{number} -> {head(chart.states, inner)} [style=invis];"
-                yield f"{tail(chart.states, inner)} -> end_{number} [style=invis];"
+                yield f"{begin} -> {self._head(inner)} [style=invis];"
+                yield f"{self._tail(inner)} -> {end} [style=invis];"
         elif inside:
-            cut = frames(chart.states, -1, inside[0])
-            yield _arrow(f"begin_{number}", head(chart.states, inside[0]), "completed", cut)
-            if not _shows_end(chart, number):
-                yield f"{tail(chart.states, inside[-1])} -> end_{number} [style=invis];"
-        for ending, target in state.next.items():  # an arrow each, in its colour
-            source, to = tail(chart.states, number), head(chart.states, target)
-            if target > number:
-                yield _arrow(source, to, ending, frames(chart.states, number, target))
-            else:  # what is written first stands above
-                yield _arrow(to, source, ending, ["dir=back", *frames(chart.states, target, number)])
-        if "completed" in state.ends and "completed" not in state.next and _ends_container(chart, state):
-            end = f"end_{state.parent}"
-            yield _arrow(tail(chart.states, number), end, "completed", frames(chart.states, number, -1))
+            yield self._arrow(begin, self._head(inside[0]), self._cut(-1, inside[0]))
+            for inner in inside:
+                if self.states[inner].completes:
+                    yield self._arrow(self._tail(inner), end, self._cut(inner, -1))
+            if not self._has_ring(number):
+                yield f"{self._tail(inside[-1])} -> {end} [style=invis];"
+
+    def _transition(self, place: int) -> str:
+        """An arrow of its own for each: lines of one label read as what must be true together."""
+        arrow = self.chart.arrows[place]
+        looks, words = [f'id="arrow-{place}"'], [text(line) for line in arrow.symbol.splitlines()]
+        if colour := _COLOURS.get(arrow.symbol.partition(" [")[0], ""):
+            looks += [f'color="{colour}"', f'fontcolor="{colour}"', "style=dashed"]
+        if likely := self.likely.get(place):
+            words.append(f"<b>{likely}</b>")
+            looks += [f'color="{_LIKELY}"', f'fontcolor="{_LIKELY}"', "penwidth=2"]
+        if words:
+            looks.append(f"label=<{'<br/>'.join(f'&#160;{line}&#160;' for line in words)}>")
+        source, target = self._tail(arrow.source), self._head(arrow.target)
+        if arrow.target > arrow.source:
+            return self._arrow(source, target, [*looks, *self._cut(arrow.source, arrow.target)])
+        cut_at = self._cut(arrow.target, arrow.source)  # what is written first stands above
+        return self._arrow(target, source, [*looks, "dir=back", *cut_at])
+
+    def _arrow(self, source: str, target: str, looks: list[str]) -> str:
+        return f"{source} -> {target} [{', '.join(looks)}];"
+
+    def _head(self, number: int) -> str:
+        """The node where an arrow to a state ends; of a container the one that stands for its frame."""
+        return f"{'begin_' if self._is_frame(number) else 's'}{number}"
+
+    def _tail(self, number: int) -> str:
+        """The node where an arrow out of a state begins."""
+        return f"{'end_' if self._is_frame(number) else 's'}{number}"
+
+    def _cut(self, source: int, target: int) -> list[str]:
+        """The frames at which an arrow is cut; none that holds both its ends. Its head has room before a frame."""
+        ends = (("ltail=cluster_{}", source, target), ("lhead=cluster_{}, minlen=2", target, source))
+        return [
+            look.format(number)
+            for look, number, other in ends
+            if number >= 0 and self._is_frame(number) and number not in self.chart.around(other)
+        ]
+
+    def _is_frame(self, number: int) -> bool:
+        return self.states[number].kind.is_container
+
+    def _has_ring(self, number: int) -> bool:
+        """Whether a container has a ring: some state in it completes the whole."""
+        is_concurrent = self.states[number].kind.is_concurrent
+        return not is_concurrent and any(self.states[inner].completes for inner in self.chart.inside(number))
 
 
-def _arrow(source: str, target: str, ending: Ending, looks: list[str]) -> str:
-    looks = [*looks, f'color="{_COLOURS[ending]}"']
-    if ending != "completed":
-        looks.append(f'label="{ending}", fontcolor="{_COLOURS[ending]}", style=dashed')
-    return f"{source} -> {target} [{', '.join(looks)}];"
-
-
-def _ends_container(chart: MachineChart, state: ChartState) -> bool:
-    return state.parent >= 0 and _shows_end(chart, state.parent)
-
-
-def _shows_end(chart: MachineChart, number: int) -> bool:
-    """Whether a container has a ring: some state in it completes the whole."""
-    state = chart.states[number]
-    return not state.kind.is_concurrent and "completed" in state.ends
-
-
-def _id(number: int, is_active: bool) -> str:
-    return f'id="state-{number}", class="{"active" if is_active else ""}"'
+def _label(state: ChartState, between: str) -> str:
+    if state.kind in _SHAPES:
+        return f'<font point-size="10">{text(state.label)}</font>'
+    note = f' <font point-size="10" color="{FAINT}">{text(state.note)}</font>' if state.note else ""
+    return between.join([f"<b>{text(state.label)}</b>{note}", *map(small, state.lines)])

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 from tca_tools.journal.records import HandlerWait, Handling, Task
 from tca_tools.journal.whole_run import Run
-from tca_wire.coordination import CoordinationChart, CoordinationReport, TaskRole, read_chart, read_report
+from tca_wire.charts import MachineChart, read_machine
+from tca_wire.coordination import CoordinationReport, TaskRole, read_report
 from tca_wire.life_cycles import Effect
 from tca_wire.points import Moment
 from tca_wire.text.early_work import WhyNotEarly, came_late, why_not_early
@@ -65,7 +66,7 @@ class SentByCoordinator:
 class CoordinatorRecord:
     """What the reports of a coordinator tell of its tasks."""
 
-    def __init__(self, chart: CoordinationChart) -> None:
+    def __init__(self, chart: MachineChart) -> None:
         self.chart = chart
         self.tasks: dict[int, SentByCoordinator] = {}
         self.predictions: list[bool] = []
@@ -122,8 +123,8 @@ def coordinator_of(run: Run, task: Task) -> CoordinatorRecord | None:
     key = CoordinatorRecord, task.id
     if key not in run.memo:
         known = run.formats.get(task.name)
-        chart = read_chart(known.data, task.body) if known is not None else None
-        run.memo[key] = CoordinatorRecord(chart) if chart is not None else None
+        chart = read_machine(known.data, task.body) if known is not None else None
+        run.memo[key] = CoordinatorRecord(chart) if chart is not None and chart.is_coordinated else None
     record: CoordinatorRecord | None = run.memo[key]
     if record is not None:
         record.read_on(run, task)
@@ -185,8 +186,8 @@ def gains(run: Run) -> list[tuple[str, int, Gain, Counter[WhyNotEarly]]]:
     machines: dict[str, list[Gain]] = {}
     late: dict[str, Counter[WhyNotEarly]] = {}
     for task, record in coordinators(run):
-        machines.setdefault(record.chart.machine, []).append(gain(run, task, record))
-        late.setdefault(record.chart.machine, Counter()).update(record.late())
+        machines.setdefault(record.chart.name, []).append(gain(run, task, record))
+        late.setdefault(record.chart.name, Counter()).update(record.late())
     return [(machine, len(some), _sum(some), late[machine]) for machine, some in machines.items()]
 
 

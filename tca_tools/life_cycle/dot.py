@@ -6,6 +6,7 @@ each of them back to itself is written in the frame.
 
 from collections.abc import Iterator
 
+from tca_tools.drawing.chart_dot import INK, graph
 from tca_tools.life_cycle.table import TAKEN_BY
 from tca_wire.life_cycles import LifeCycle, Transition
 from tca_wire.text.printable import printable
@@ -14,19 +15,12 @@ from tca_wire.vocabulary import Party
 COLOURS = {Party.CLIENT: "#0b4f8a", Party.SERVER: "#1f2933", Party.BOTH: "#7b3fa0"}
 """Of the arrows, and their words: who takes the transition."""
 _FILLS = {"first": "#fff3c4", "active": "#ffe4b0", "done": "#cfeccb", "cancelled": "#d5d5d5"}
-_LOOKS = """\
-  graph [fontname="Helvetica,Arial,sans-serif", fontsize=11, fontcolor="#1f2933", labelloc=t, labeljust=l,
-    bgcolor=white, pad=0.3, nodesep=0.5, ranksep=0.7, rankdir=LR, compound=true];
-  node [shape=box, style="rounded,filled", fontname="Helvetica,Arial,sans-serif", fontsize=12, fontcolor="#1f2933",
-    color="#1f2933", margin="0.15,0.08", height=0.3];
-  edge [fontname="Helvetica,Arial,sans-serif", fontsize=10, arrowsize=0.7];
-"""
 
 
 def dot_source(life_cycle: LifeCycle) -> str:
     """A directed graph of the states."""
-    body = "\n".join(f"  {line}" for line in _statements(life_cycle))
-    return f"digraph life_cycle {{\n{_LOOKS}  label={_quoted(*_title(life_cycle))};\n{body}\n}}\n"
+    title = _quoted(*_title(life_cycle))
+    return graph([f"graph [rankdir=LR, ranksep=0.7, label={title}];", *_statements(life_cycle)])
 
 
 def _title(life_cycle: LifeCycle) -> list[str]:
@@ -38,7 +32,7 @@ def _title(life_cycle: LifeCycle) -> list[str]:
 def _statements(life_cycle: LifeCycle) -> Iterator[str]:
     ids = {state: f"s{number}" for number, state in enumerate(life_cycle.states)}
     common = _common(life_cycle)
-    yield f"start [shape=point, width=0.12]; start -> {ids[life_cycle.initial]};"
+    yield f'start [shape=point, width=0.12, fillcolor="{INK}"]; start -> {ids[life_cycle.initial]};'
     yield _node(ids, life_cycle.initial, _FILLS["first"])
     within = [one for one in common if one.source == one.target]
     words = _quoted("active", *(f"{one.name} ({TAKEN_BY[one.by]})" for one in within))

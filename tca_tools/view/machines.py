@@ -3,8 +3,7 @@
 from functools import lru_cache
 from typing import Any
 
-from tca_tools.drawing.chart_dot import chart_dot
-from tca_tools.drawing.coordination_dot import coordination_dot, likely_arrows
+from tca_tools.drawing.chart_dot import chart_dot, likely_arrows
 from tca_tools.drawing.graphviz import drawn
 from tca_tools.errors import NoPicture
 from tca_tools.journal.at_time import RunAt, TaskAt
@@ -12,7 +11,7 @@ from tca_tools.journal.records import OVER, Task
 from tca_tools.journal.whole_run import Run
 from tca_tools.view.reading import Reading
 from tca_wire.charts import MachineChart, read_active, read_machine
-from tca_wire.coordination import CoordinationChart, read_chart, read_report
+from tca_wire.coordination import read_report
 from tca_wire.text.early_work import why_not_early
 
 _MOST_STATES = 200
@@ -24,7 +23,7 @@ def machine_answer(at: RunAt, task: TaskAt) -> dict[str, Any]:
     if (chart := _machine(at.run, task.record)) is None:
         return {}
     told = b"" if task.state in OVER else task.life.progress
-    if isinstance(chart, MachineChart):
+    if not chart.is_coordinated:
         return {"machine": {"active": _known(chart, read_active(told).active)}}
     if (report := read_report(told)) is None:
         return {"machine": {"active": [], "foreseen": [], "likely": {}}}
@@ -39,7 +38,7 @@ def machine_answer(at: RunAt, task: TaskAt) -> dict[str, Any]:
     }
 
 
-def _known(chart: MachineChart | CoordinationChart, numbers: list[int]) -> list[int]:
+def _known(chart: MachineChart, numbers: list[int]) -> list[int]:
     return [number for number in numbers if 0 <= number < len(chart.states)]
 
 
@@ -54,16 +53,14 @@ def machine_picture(reading: Reading, task_id: int) -> dict[str, str] | None:
     if len(chart.states) > _MOST_STATES:
         return {"problem": f"{len(chart.states)} states are too many for a picture"}
     try:
-        dot = chart_dot(chart) if isinstance(chart, MachineChart) else coordination_dot(chart)
-        return {"svg": _picture(dot)}
+        return {"svg": _picture(chart_dot(chart))}
     except NoPicture as error:
         return {"problem": error.message}
 
 
-def _machine(run: Run, task: Task) -> MachineChart | CoordinationChart | None:
-    if (known := run.formats.get(task.name)) is None:
-        return None
-    return read_machine(known.data, task.body) or read_chart(known.data, task.body)
+def _machine(run: Run, task: Task) -> MachineChart | None:
+    known = run.formats.get(task.name)
+    return read_machine(known.data, task.body) if known is not None else None
 
 
 @lru_cache(maxsize=16)

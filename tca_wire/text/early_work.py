@@ -2,7 +2,8 @@
 
 from typing import NamedTuple
 
-from tca_wire.coordination import CoordinationChart, CoordinationReport, Objection, Reason
+from tca_wire.charts import MachineChart
+from tca_wire.coordination import CoordinationReport, Objection, Reason
 
 
 class WhyNotEarly(NamedTuple):
@@ -37,7 +38,7 @@ _REMEDIES: dict[Reason, str] = {
 }
 
 
-def why_not_early(chart: CoordinationChart, one: Objection) -> WhyNotEarly:
+def why_not_early(chart: MachineChart, one: Objection) -> WhyNotEarly:
     """An objection of a report, with the labels of its machine."""
     label = {number: f"'{state.label}'" for number, state in enumerate(chart.states)}
     words = {"state": label.get(one.state, "?"), "other": label.get(one.other, "?"), "name": f"'{one.name or 'all'}'"}

@@ -57,7 +57,7 @@ def test_what_changes_while_central_is_away_is_told_later(tmp_path: Path, caplog
                 changes = user.get_variable(NAMES.states).changes
         finally:
             central.stop()
-    assert (changes[-1].region, changes[-1].target) == ("x.enabling", "enabled")
+    assert (changes[-1].region, changes[-1].target) == ("enabling", "enabled")
     assert not [one for one in caplog.records if one.levelno >= logging.ERROR]
 
 

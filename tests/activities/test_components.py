@@ -80,10 +80,10 @@ def test_a_tick_makes_one_transition_at_most(joint: Joint) -> None:
         joint.post(event)
     handler = next(one for one in joint.activities() if one.name == "x.enabling.machine")
     handler.tick()
-    assert changes == [("x", "enabling", "disabled", "enabled", "enable")]
+    assert changes == [RegionChange("x", "enabling", "disabled", "enabled", "enable")]
     assert str(changes[0]) == "x.enabling: disabled to enabled (enable)"
     handler.tick()  # the second "enable" leads nowhere
-    assert changes[1:] == [("x", "enabling", "enabled", "disabled", "disable")]
+    assert changes[1:] == [RegionChange("x", "enabling", "enabled", "disabled", "disable")]
 
 
 def test_activities_stand_in_the_order_of_data(joint: Joint) -> None:
@@ -157,7 +157,7 @@ class Chain(Component[None]):
         one, two = outer.state("one", **steps("one")), outer.state("two", **steps("two"))
         other = region.state("other", **steps("other"))
         one.to(two, on="next")
-        two.to(two, on="next")
+        two.to(two, on="next", when=lambda: True)
         outer.to(other, on="next")  # the inner ones go first
         outer.to(other, on="out")
         outer.to(one, on="again")

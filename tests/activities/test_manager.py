@@ -65,8 +65,8 @@ def test_all_there_is_to_know_is_a_variable(town: Town) -> None:
     assert (entry.name, entry.module, entry.policies) == ("robot", "robot", ["one_for_all", "one_each", "automatic"])
     (component,) = entry.components
     movement = component.regions[3]
-    states = [(state.name, state.parent) for state in movement.states]
-    assert states == [("stopped", ""), ("moving", ""), ("fast", "moving"), ("slow", "moving")]
+    states = [(state.label, state.parent) for state in movement.states]
+    assert states == [("stopped", -1), ("moving", -1), ("fast", 1), ("slow", 1)]
     assert [control.label for control in entry.controls] == ["enable"]
     assert town.user.get_variable(NAMES.states).states["x.enabling"] == "disabled"
     assert town.user.get_variable(NAMES.picture) == "<svg>None</svg>"
@@ -81,7 +81,7 @@ def test_every_transition_is_told(town: Town) -> None:
     town.central.advance(0.1)
     told = town.user.get_variable(NAMES.states)
     assert told.states["x.enabling"] == "disabled"
-    assert [(one.region, one.source, one.target, one.event) for one in told.changes] == [
+    assert [(f"{one.component}.{one.region}", one.source, one.target, one.event) for one in told.changes] == [
         ("x.enabling", "disabled", "enabled", "enable"),
         ("x.enabling", "enabled", "disabled", "disable"),
     ]
@@ -123,7 +123,7 @@ def test_a_component_that_is_added_is_known_and_told_of(town: Town) -> None:
     assert "late.movement.machine" in town.allocated()["all"]
     told = town.user.get_variable(NAMES.states)
     assert told.states["late.enabling"] == "enabled"
-    assert ("late.enabling", "enable") in [(one.region, one.event) for one in told.changes]
+    assert ("late", "enabling", "enable") in [(one.component, one.region, one.event) for one in told.changes]
 
 
 def test_commands_change_the_allocation(town: Town) -> None:

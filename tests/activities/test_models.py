@@ -209,7 +209,7 @@ def test_each_transition_has_an_arrow_of_its_own(model: Path) -> None:
     """Between two states a stop and a loss of power are two ways, not one that needs both."""
     labels = re.findall(r"label=<([^>]*)>, dir=back", model_dot(read_model(model)))
     assert [label for label in labels if "able" in label or "stop" in label] == [
-        "&#160;disable", "&#160;stop", "&#160;disable",
+        "&#160;disable&#160;", "&#160;stop&#160;", "&#160;disable&#160;",
     ]  # fmt: skip
 
 

@@ -23,7 +23,8 @@ from tca_behaviours.coordination import (
 )
 from tca_module import Client, Command, Failure, Module, SentTask, Task, Variable, connect
 from tca_module.testing import LocalCentral
-from tca_wire.coordination import CoordinationChart, read_report
+from tca_wire.charts import MachineChart
+from tca_wire.coordination import read_report
 from tca_wire.journal.facts import Killed, Received, Returned, StateChanged
 from tca_wire.text.bodies import data_text
 
@@ -167,7 +168,7 @@ def play(
             yield Play(central, module, coordinator, user)
 
 
-def _lines(central: LocalCentral, chart: CoordinationChart) -> Iterator[str]:
+def _lines(central: LocalCentral, chart: MachineChart) -> Iterator[str]:
     names: dict[int, str] = {}
     killed = set[int]()
     for entry in central.entries:

@@ -17,7 +17,7 @@ from tca_behaviours.coordination import (
     Perceived,
     Policy,
     Prior,
-    UnsoundCoordination,
+    UnsoundMachine,
 )
 from tca_behaviours.coordination.model.likelihoods import Likelihood
 from tca_module import Client, Command, Failure, Module, Task, Variable, connect
@@ -54,7 +54,7 @@ def random_machine(random: Random, *, unlikely: bool = False) -> Coordination:
     while True:
         try:
             return _machine(random, unlikely=unlikely)
-        except UnsoundCoordination:
+        except UnsoundMachine:
             continue
 
 
@@ -77,7 +77,7 @@ def _machine(random: Random, *, unlikely: bool) -> Coordination:
         states.append(machine.final("end"))
         for place, state in enumerate(states[:-1]):
             following, other = states[place + 1], random.choice(states)
-            if state.activity is None and not hasattr(state, "children"):
+            if state.activity is None and not state.children:
                 state.to(following, on="go", likelihood=likely(random.choice([None, Prior(0.9)])))
                 continue
             if random.random() < 0.7:

@@ -22,7 +22,7 @@ from coordination.delivery_robot import (
 )
 
 from tca_behaviours.coordination import COORDINATION_EVENT, Activity, Coordination, Coordinator, Do, MachineEvent
-from tca_behaviours.coordination.model.statechart import Interpreter
+from tca_behaviours.coordination.model.interpreter import Interpreter
 from tca_module import Command, ExceptionHandler, MisuseError, Module, Outcome, Recovery, Task, TaskFailed, connect
 from tca_module.testing import LocalCentral
 

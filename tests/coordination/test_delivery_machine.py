@@ -64,8 +64,7 @@ def test_a_machine_as_data() -> None:
     assert [(state.label, state.parent) for state in chart.states] == [
         ("waiting", -1), ("going to B", -1), ("at box B", -1), ("arm to B", 2), ("drop", 2), ("dropped", 2), ("end", -1),
     ]  # fmt: skip
-    assert chart.states[4].tasks == ['move gripper "open"']
-    assert chart.states[4].agents == ["gripper+arm"]
+    assert chart.states[4].lines == ['move gripper "open" (gripper+arm)']
     assert [arrow.symbol for arrow in chart.arrows if arrow.source == 1] == ["done [box B is free]", "done"]
     assert DELIVER.events == {"object given", "stop"}
     assert DELIVER.variables == [BOX_B_FREE]

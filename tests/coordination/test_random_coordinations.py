@@ -19,10 +19,10 @@ from tca_behaviours.coordination import (
     Prior,
     Situation,
     TakenArrow,
-    UnsoundCoordination,
+    UnsoundMachine,
 )
 from tca_module import Command
-from tca_wire.coordination import ActivityKind
+from tca_wire.charts import StateKind
 
 MOVE = Command("move")
 MOST_ARE_REFUSED = settings(suppress_health_check=[HealthCheck.filter_too_much])
@@ -54,10 +54,10 @@ def write(machine: Coordination, data: st.DataObject, labels: list[str], depth: 
 def write_arrows(states: list[AuthoredState], data: st.DataObject) -> None:
     """To each state a way that keeps the machine sound, and some more that may not."""
     for state in states:
-        if state.kind is ActivityKind.FINAL:
+        if state.kind is StateKind.FINAL:
             continue
-        can_be_done = state.kind is ActivityKind.ACTIVITY or any(
-            other.parent is state and other.kind is ActivityKind.FINAL for other in states
+        can_be_done = state.kind is StateKind.ACTIVITY or any(
+            other.parent is state and other.kind is StateKind.FINAL for other in states
         )
         events = data.draw(st.sets(st.sampled_from(EVENTS[0 if can_be_done else 2 :]), min_size=1))
         for event in sorted(events | ({"done"} if can_be_done else set())):
@@ -74,7 +74,7 @@ def drawn(data: st.DataObject) -> Coordination:
     try:
         with Coordination("random") as machine:
             write_arrows(write(machine, data, list(reversed(LABELS)), 0), data)
-    except UnsoundCoordination:
+    except UnsoundMachine:
         assume(False)
     return machine
 
@@ -90,7 +90,7 @@ def foreseen(machine: Coordination, leaf: int, event: str, facts: dict[str, Any]
     while arrow := next((arrow for arrow in automaton.arcs(leaf) if is_taken(arrow, event)), None):
         taken.append(TakenArrow(leaf, arrow.symbol, arrow.target))
         leaf, event = arrow.target, "done"
-        if machine.states[leaf].kind is not ActivityKind.FINAL:
+        if machine.states[leaf].kind is not StateKind.FINAL:
             break
     return taken
 
@@ -110,12 +110,12 @@ def test_a_machine_does_what_its_automaton_foresees(data: st.DataObject) -> None
         expected = foreseen(machine, run.current, event, facts)
         assert run.take(event, Situation("", facts)) == expected
         assert run.current == (expected[-1].after if expected else run.current)
-        assert machine.states[run.current].kind in (ActivityKind.ACTIVITY, ActivityKind.WAIT)
+        assert machine.states[run.current].kind in (StateKind.ACTIVITY, StateKind.WAIT)
 
 
 def check_definition(machine: Coordination, automaton: FlatAutomaton) -> None:
     for state in machine.states:
-        if state.kind is not ActivityKind.COMPOUND:
+        if state.kind is not StateKind.COMPOUND:
             arcs = automaton.arcs(state.number)
             symbols = [arc.symbol for arc in arcs]
             assert len(set(symbols)) == len(arcs), "one transition for each symbol"
@@ -123,4 +123,4 @@ def check_definition(machine: Coordination, automaton: FlatAutomaton) -> None:
                 assert not symbol.startswith(f"{before} ["), "each of them can be taken"
             assert all(arc.likelihood >= 0 for arc in arcs)
             assert fsum(arc.likelihood for arc in arcs) <= 1 + 1e-9
-            assert all(machine.states[arc.target].kind is not ActivityKind.COMPOUND for arc in arcs)
+            assert all(machine.states[arc.target].kind is not StateKind.COMPOUND for arc in arcs)

@@ -15,7 +15,7 @@ from tca_behaviours.coordination import (
     Fact,
     Prior,
     Situation,
-    UnsoundCoordination,
+    UnsoundMachine,
     Weighted,
 )
 from tca_module import BadData, Command, MisuseError, Variable
@@ -37,16 +37,6 @@ def needing(needs: dict[str, Fact], makes: dict[str, Fact]) -> Activity:
 
 def holds(_: Situation) -> bool:
     return True
-
-
-def _empty_compound(m: Coordination) -> None:
-    m.state("a", move()).to("b")
-    m.compound("b")
-
-
-def _twice(m: Coordination) -> None:
-    m.state("a")
-    m.final("a")
 
 
 def _unknown(m: Coordination) -> None:
@@ -131,6 +121,14 @@ def _hidden(m: Coordination) -> None:
     m.final("b")
 
 
+def _hidden_inside(m: Coordination) -> None:
+    with m.compound("c") as c:
+        m.state("a", move()).to("a", "stop")
+    c.to("b", "stop", when=FREE)
+    c.to("b", "failed")
+    m.final("b")
+
+
 def _too_likely(m: Coordination) -> None:
     with m.compound("c") as c:
         a = m.state("a", move())
@@ -167,7 +165,7 @@ def _circle(m: Coordination) -> None:
 def test_an_unsound_machine_is_refused(approve: Callable[..., None]) -> None:
     def tell(write: str) -> str:
         machine = Coordination("m")
-        with pytest.raises(UnsoundCoordination) as refused, machine:
+        with pytest.raises(UnsoundMachine) as refused, machine:
             eval(write)(machine)
         return str(refused.value)
 

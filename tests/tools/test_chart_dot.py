@@ -36,7 +36,7 @@ def test_arrows() -> None:
     found = []
     for line in chart_dot(machine().chart).splitlines():
         if arrow := re.match(r" *(\w+ -> \w+) \[(.*)\];", line):
-            looks = re.findall(r'style=(\w+)|label="([^"]*)"|([lh]\w+=cluster_\d|dir=back)', arrow[2])
+            looks = re.findall(r"style=(\w+)|label=<&#160;(\w+)&#160;>|([lh]\w+=cluster_\d|dir=back)", arrow[2])
             found.append(" ".join([arrow[1], *sorted(("".join(one) for one in looks), key="dashed".__eq__)]))
     assert sorted(found) == sorted(ARROWS)
 

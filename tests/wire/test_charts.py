@@ -1,38 +1,42 @@
-"""Machines as data: what is none is not taken for one."""
+"""Machines as data: bytes that are none are not taken for one."""
 
 import msgspec
 import pytest
 
 from tca_wire.charts import ActiveStates, MachineChart, read_active, read_machine
+from tca_wire.coordination import CoordinationReport, Foreseen, read_report
 
 FORMAT = '{"$ref":"#/$defs/MachineChart"}'
-WHOLE = {"label": "patrol", "kind": "sequence", "parent": -1}
+WHOLE = {"label": "patrol", "kind": "sequence"}
 TASK = {"label": "GoTo", "kind": "task", "parent": 0}
 
 
 @pytest.mark.parametrize(
-    "states",
+    ("states", "arrows"),
     [
-        [],
-        [TASK],
-        [WHOLE, WHOLE],
-        [WHOLE, {**TASK, "parent": 1}],
-        [WHOLE, TASK, {**TASK, "parent": 1}],
-        [WHOLE, {**TASK, "next": {"completed": 2}}],
-        [WHOLE, {**TASK, "next": {"won": 1}}],
-        [WHOLE, {**TASK, "kind": "any"}],
+        ([], []),
+        ([TASK], []),
+        ([WHOLE, {**TASK, "parent": 1}], []),
+        ([WHOLE, TASK, {**TASK, "parent": 1}], []),
+        ([WHOLE, {**TASK, "kind": "any"}], []),
+        ([WHOLE, TASK], [{"source": 1, "target": 2, "symbol": "done"}]),
     ],
 )
-def test_what_is_no_machine(states: list[object]) -> None:
-    assert read_machine(FORMAT, msgspec.msgpack.encode({"name": "patrol", "states": states})) is None
+def test_what_is_no_machine(states: list[object], arrows: list[object]) -> None:
+    body = msgspec.msgpack.encode({"name": "patrol", "states": states, "arrows": arrows})
+    assert read_machine(FORMAT, body) is None
 
 
-def test_a_machine_and_its_active_states() -> None:
-    body = msgspec.msgpack.encode({"name": "patrol", "states": [WHOLE, {**TASK, "next": {"failed": 1}}]})
+def test_a_machine_and_its_progress() -> None:
+    arrow = {"source": 1, "target": 1, "symbol": "failed"}
+    body = msgspec.msgpack.encode({"name": "patrol", "states": [WHOLE, TASK], "arrows": [arrow]})
     chart = read_machine(FORMAT, body)
     assert isinstance(chart, MachineChart)
-    assert chart.inside(0) == [1]
+    assert (chart.inside(0), chart.entered(0), chart.around(1)) == ([1], 1, [1, 0])
     assert read_machine("{}", body) is None
     told = ActiveStates(["GoTo"], "Wait has completed", [0, 1])
     assert read_active(msgspec.msgpack.encode(told)) == told
     assert read_active(b"") == ActiveStates([], "", [])
+    report = CoordinationReport(1, "done", 1, [Foreseen(1, 0.5, 0.5)])
+    assert read_report(msgspec.msgpack.encode(report)) == report
+    assert read_report(b"\xc1") is None

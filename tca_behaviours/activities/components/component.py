@@ -8,15 +8,12 @@ from typing import Any, Generic, TypeVar
 from tca_behaviours.activities.activity import StateActivity
 from tca_behaviours.activities.components.ports import InputPort, OutputPort
 from tca_behaviours.activities.components.region import Region
-from tca_behaviours.activities.components.states import RegionState, RegionTransition, Step
+from tca_behaviours.activities.components.states import RegionState, RegionTransition
+from tca_behaviours.statecharts.states import Step, UnsoundMachine
 from tca_module import MisuseError
 
 D = TypeVar("D")
 T = TypeVar("T")
-
-
-class UnsoundComponent(MisuseError):
-    """A component that can't be run as it is written; the text says what is wrong in it, and what to do."""
 
 
 class _Exclusion:
@@ -130,7 +127,7 @@ class Component(Generic[D]):
 
     def activities(self) -> list[StateActivity]:
         """All its activities, in the order in which data pass through them: the port handler, the state machine
-        handlers of the regions, the activities of the states. Raises UnsoundComponent.
+        handlers of the regions, the activities of the states. Raises UnsoundMachine.
         """
         self._check()
         found: list[StateActivity] = []
@@ -142,7 +139,7 @@ class Component(Generic[D]):
         for region in self.regions.values():
             for state in region.states.values():
                 if step := state.activity:
-                    name = f"{region.name}.{state.name}"
+                    name = f"{region.name}.{state.label}"
                     found.append(_ComponentActivity(self, name, step, state.period, state.estimate, state))
         return found
 
@@ -180,25 +177,21 @@ class Component(Generic[D]):
         """By the events: the regions that have transitions for them."""
         takers: dict[str, list[Region]] = {}
         for region in self.regions.values():
-            for event in {event: None for state in region.states.values() for event in state.transitions if event}:
+            for event in {event: None for state in region.states.values() for event in state.by_event if event}:
                 takers.setdefault(event, []).append(region)
         return takers
 
     def _check(self) -> None:
         for region in self.regions.values():
-            if not region.states:
-                raise UnsoundComponent(f"region '{region.title}' has no state: add one")
             for state in region.states.values():
-                for transition in (one for several in state.transitions.values() for one in several):
+                for transition in state.arrows:
                     transition.needed = [self._named(need, transition) for need in transition.needs]
-            if lost := region.unreached():
-                raise UnsoundComponent(f"{lost[0]!r} can't be reached: let a transition lead to it, or remove it")
+            region.check()
 
     def _named(self, need: str, transition: RegionTransition) -> RegionState:
         region, _, state = need.partition(".")
         if region not in self.regions or state not in self.regions[region].states:
-            place = f"the transition from {transition.source!r} to {transition.target!r}"
-            raise UnsoundComponent(f"{place} needs '{need}', which is no state: write \"region.state\"")
+            raise UnsoundMachine(f"{transition!r} needs '{need}', which is no state: write \"region.state\"")
         return self.regions[region].states[state]
 
 

@@ -5,12 +5,17 @@ So the execution time of a tick is bounded. Events wait in the region until one 
 
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
 
-from tca_behaviours.activities.components.states import HasStates, RegionState, RegionTransition, StateList
+import msgspec
+
+from tca_behaviours.activities.components.states import RegionState, RegionTransition
+from tca_behaviours.statecharts.fast import FastInterpreter
+from tca_behaviours.statecharts.soundness import check_arrows
+from tca_behaviours.statecharts.states import UnsoundMachine, chart_of
+from tca_wire.charts import MachineChart
 
 
-class RegionChange(NamedTuple):
+class RegionChange(msgspec.Struct, frozen=True):
     """A transition that was made."""
 
     component: str
@@ -27,32 +32,31 @@ class RegionChange(NamedTuple):
         return f"{self.component}.{self.region}: {self.source or 'start'} to {self.target}{by}"
 
 
-class Region(StateList, HasStates):
+class Region(FastInterpreter[RegionState, RegionTransition]):
     """One of the orthogonal regions of a component."""
 
     def __init__(self, component: str, name: str, period: float, estimate: float | None) -> None:
-        super().__init__(f"{component}.{name}")
+        super().__init__(RegionState(f"{component}.{name}" if component else name, None))
         self.component = component
         self.name = name
         self.period = period
         self.estimate = estimate
+        self.state = self.root.state
+        self.states = self.root.beside
+        """All its states, by their names."""
         self.events: deque[str] = deque()
         """That have come, and that no tick has taken yet."""
-        self._path: tuple[RegionState, ...] = ()
         self._told: list[Callable[[RegionChange], object]] = []
-
-    def _new(self, name: str) -> RegionState:
-        return self.new_state(name, None)
 
     @property
     def current(self) -> str:
         """The name of the active leaf state."""
-        return self._path[0].name if self._path else ""
+        return self.active[0].label if self.active else ""
 
     @property
     def path(self) -> tuple[str, ...]:
         """The names of the active states, the outermost first."""
-        return tuple(state.name for state in reversed(self._path))
+        return tuple(state.label for state in reversed(self.active))
 
     def is_in(self, name: str) -> bool:
         """Whether that state is active."""
@@ -62,63 +66,34 @@ class Region(StateList, HasStates):
         """Call a function with each transition, in the tick that makes it: it must be short."""
         self._told.append(function)
 
+    def check(self) -> None:
+        """Raises UnsoundMachine if it can't be run."""
+        if not self.states:
+            raise UnsoundMachine(f"region '{self.component}.{self.name}' has no state: add one")
+        check_arrows(list(self.root.all())[1:])
+
+    @property
+    def chart(self) -> MachineChart:
+        """Its structure as data."""
+        return chart_of(self.name, list(self.root.all())[1:])
+
     # --- at work ----------------------------------------------------------------------------------------------------
 
     def reset(self) -> None:
         """Go to the first state, without its entry function."""
         self.events.clear()
-        self._leave()
-        first = next(iter(self.states.values()))
-        self._activate(first.entered_leaf(), "")
-
-    def enter_first(self) -> None:
-        """Call the entry functions of the states in which it begins."""
-        for state in reversed(self._path):
-            if state.entry is not None:
-                state.entry()
+        super().reset()
 
     def tick(self) -> None:
         """Make the transition to which the oldest event leads; if none does, one without an event that may be made."""
         events = self.events
         while events:
-            event = events.popleft()
-            if transition := self._enabled(event):
-                self._make(transition, event)
+            if self.take(events.popleft()):
                 return
-        if transition := self._enabled(""):
-            self._make(transition, "")
+        self.take("")
 
-    def _enabled(self, event: str) -> RegionTransition | None:
-        """The transition that an event leads to: of the innermost state first, then in the order written."""
-        for state in self._path:
-            for transition in state.transitions.get(event, ()):
-                if transition.may_be_made():
-                    return transition
-        return None
-
-    def _make(self, transition: RegionTransition, event: str) -> None:
-        """Leave states up to the one around both ends, and enter those down to the target. The region is whole whatever
-        an exit or entry function raises: still there, or there already.
-        """
-        for state in self._path:
-            if state not in transition.around and state.exit is not None:
-                state.exit()
-        self._activate(transition.target.entered_leaf(), event)
-        for state in reversed(self._path):
-            if state not in transition.around and state.entry is not None:
-                state.entry()
-
-    def _activate(self, leaf: RegionState, event: str) -> None:
-        source = self.current
-        self._leave()
-        self._path = tuple(leaf.around())
-        for state in self._path:
-            state.is_active = True
-        change = RegionChange(self.component, self.name, source, leaf.name, event)
+    def _note(self, source: RegionState, leaf: RegionState, event: str) -> None:
+        before = source.label if source is not self.root else ""
+        change = RegionChange(self.component, self.name, before, leaf.label, event)
         for function in self._told:
             function(change)
-
-    def _leave(self) -> None:
-        for state in self._path:
-            state.is_active = False
-        self._path = ()

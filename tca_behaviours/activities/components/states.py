@@ -1,18 +1,49 @@
 """The states of a region, and the transitions between them, as they are written."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
+from tca_behaviours.statecharts.states import Arrow, State, Step, name_of
 from tca_module import MisuseError
+from tca_wire.charts import ChartArrow, StateKind
+from tca_wire.text.measures import duration
 
-Step = Callable[[], object]
+
+def every(period: float, estimate: float | None) -> str:
+    """How often something is ticked, and how long that takes, in words."""
+    return f"every {duration(period)}" + (f", takes {duration(estimate)}" if estimate else "")
 
 
-class HasStates(ABC):
-    """A region, or a state that holds others."""
+class RegionState(State["RegionState", "RegionTransition"]):
+    """A state of a region: a leaf, or one that holds others, the first of which is entered with it."""
 
-    @abstractmethod
-    def _new(self, name: str) -> "RegionState": ...
+    def __init__(self, label: str, parent: "RegionState | None") -> None:
+        super().__init__(StateKind.WAIT, label, parent)
+        self.beside: dict[str, RegionState] = parent.beside if parent is not None else {}
+        """All states of its region, by their names."""
+        self.region: str = parent.region if parent is not None else label
+        self.activity: Step | None = None
+        self.period = 0.0
+        self.estimate: float | None = None
+
+    def __repr__(self) -> str:
+        return f"'{self.region}.{self.label}'"
+
+    def lines(self) -> Iterator[str]:
+        """What it does, a line for each function."""
+        if self.activity is not None:
+            yield f"{name_of(self.activity)} {every(self.period, self.estimate)}"
+        if self.entry is not None:
+            yield f"entry: {name_of(self.entry)}"
+        if self.exit is not None:
+            yield f"exit: {name_of(self.exit)}"
+
+    def ways(self) -> Iterator[ChartArrow]:
+        """The transitions that lead out of it, as data: a line for the event, and for each condition."""
+        for arrow in self.arrows:
+            conditions = ",\n".join(arrow.conditions)
+            symbol = "\n".join(filter(None, [arrow.event, conditions and f"[{conditions}]"]))
+            yield ChartArrow(self.number, arrow.target.number, symbol)
 
     def state(
         self,
@@ -27,36 +58,19 @@ class HasStates(ABC):
         """A state inside it; the first one is entered first. Its *activity* is ticked while it is active, once a
         *period*, and takes *estimate* seconds at most. *entry* and *exit* are called when it is entered and left.
         """
-        state = self._new(name)
+        if name in self.beside:
+            raise MisuseError(f"'{self.region}' has two states '{name}': give one of them another name")
+        if name == "machine" or not name:
+            raise MisuseError(f"'{self.region}': a state can't be called '{name}'")
+        state = RegionState(name, self)
         if activity is not None and not (period or 0) > 0:
-            raise MisuseError(f"the activity of {state!r} needs a period: give period=..., in seconds")
+            raise MisuseError(f"the activity of {state!r} needs a period: add one, in seconds")
+        self.beside[name] = state
+        self.kind = StateKind.COMPOUND
+        state.kind = StateKind.ACTIVITY if activity is not None else StateKind.WAIT
         state.entry, state.exit, state.activity = entry, exit, activity
         state.period, state.estimate = period or 0.0, estimate
         return state
-
-
-class RegionState(HasStates):
-    """A state of a region: a leaf, or one that holds others, the first of which is entered with it."""
-
-    def __init__(self, region: "StateList", name: str, parent: "RegionState | None") -> None:
-        self.name = name
-        self.parent = parent
-        self.children: list[RegionState] = []
-        self.is_active = False
-        self.entry: Step | None = None
-        self.exit: Step | None = None
-        self.activity: Step | None = None
-        self.period = 0.0
-        self.estimate: float | None = None
-        self.transitions: dict[str, list[RegionTransition]] = {}
-        """By their events; those without one under the empty text."""
-        self._region = region
-
-    def __repr__(self) -> str:
-        return f"'{self._region.title}.{self.name}'"
-
-    def _new(self, name: str) -> "RegionState":
-        return self._region.new_state(name, self)
 
     def to(
         self,
@@ -69,78 +83,41 @@ class RegionState(HasStates):
         """A transition: by the event *on*, or without one, as soon as it may be made. It may be made when the guard
         *when* returns true and the states that it *needs*, such as "enabling.enabled", are active.
         """
-        if self._region.states.get(target.name) is not target:
+        if self.beside.get(target.label) is not target:
             raise MisuseError(
                 f"{self!r} can't lead to {target!r}, in another region: let a transition there need {self!r}"
             )
         needs = [needs] if isinstance(needs, str) else list(needs)
         if not (on or when or needs):
-            raise MisuseError(f"{self!r} would go to {target!r} at once: give on=..., when=... or needs=...")
-        self.transitions.setdefault(on, []).append(RegionTransition(self, target, when, needs))
-
-    def around(self) -> Iterator["RegionState"]:
-        """The state itself, then those that hold it, the outermost last."""
-        state: RegionState | None = self
-        while state is not None:
-            yield state
-            state = state.parent
-
-    def entered_leaf(self) -> "RegionState":
-        """The leaf that becomes active when this state is entered."""
-        return self.children[0].entered_leaf() if self.children else self
+            raise MisuseError(f"{self!r} would go to {target!r} at once: add on, when or needs")
+        self.lead(RegionTransition(self, target, on, when, needs))
 
 
-class RegionTransition:
+class RegionTransition(Arrow[RegionState]):
     """A transition from one state of a region to another."""
 
     def __init__(
-        self, source: RegionState, target: RegionState, when: Callable[[], bool] | None, needs: list[str]
+        self, source: RegionState, target: RegionState, event: str, when: Callable[[], bool] | None, needs: list[str]
     ) -> None:
-        self.source = source
+        guard = [name_of(when)] if when is not None else []
+        super().__init__(source, target, event, (*guard, *needs))
         self.target = target
         self.when = when
         self.needs = needs
-        self.around = frozenset(source.around()) & frozenset(target.around()) - {source, target}
-        """The states that hold both, and stay active."""
         self.needed: list[RegionState] = []
         """The states that *needs* names, once all regions of the component are known."""
 
-    def may_be_made(self) -> bool:
+    def __repr__(self) -> str:
+        return f"the transition from {self.source!r} to {self.target!r}"
+
+    @property
+    def key(self) -> object:
+        """Guards of one name may be several functions."""
+        return self.when, self.needs
+
+    def holds(self, _now: Any = None) -> bool:
         """Whether its guard and the other regions let it be made now."""
         for state in self.needed:
             if not state.is_active:
                 return False
         return self.when is None or self.when()
-
-
-class StateList:
-    """The states of a region by their names, in the order in which they are written."""
-
-    def __init__(self, title: str) -> None:
-        self.title = title
-        self.states: dict[str, RegionState] = {}
-
-    def new_state(self, name: str, parent: RegionState | None) -> RegionState:
-        """Add a state. Raises MisuseError if its name can't be."""
-        if name in self.states:
-            raise MisuseError(f"'{self.title}' has two states '{name}': give one of them another name")
-        if name == "machine" or not name:
-            raise MisuseError(f"'{self.title}': a state can't be called '{name}'")
-        state = self.states[name] = RegionState(self, name, parent)
-        if parent is not None:
-            parent.children.append(state)
-        return state
-
-    def unreached(self) -> list[RegionState]:
-        """The states that no transition leads to, from the first one on."""
-        if not self.states:
-            return []
-        todo = list(next(iter(self.states.values())).entered_leaf().around())
-        reached = set(todo)
-        while todo:
-            for transitions in todo.pop().transitions.values():
-                for transition in transitions:
-                    new = set(transition.target.entered_leaf().around()) - reached
-                    reached |= new
-                    todo += new
-        return [state for state in self.states.values() if state not in reached]

@@ -9,16 +9,11 @@ from tca_behaviours.activities.components import Component, Region, RegionChange
 from tca_behaviours.activities.manager.messages import (
     REFUSED,
     ActivityMove,
-    ActivityPeriod,
     ApplicationEntry,
     ApplicationMessages,
     ComponentEntry,
     Control,
-    ProcessorPriority,
-    RegionEntry,
-    StateEntry,
     StatesReport,
-    TransitionEntry,
 )
 from tca_module import Callback, CentralLost, MisuseError, Module, Sender, Task, Timeout
 
@@ -44,7 +39,7 @@ class Manager:
         self._picture = picture
         self._drawn = ""
         self._module_name = ""
-        self._changes: deque[TransitionEntry] = deque(maxlen=_MOST_WAITING)
+        self._changes: deque[RegionChange] = deque(maxlen=_MOST_WAITING)
         self._is_reallocated = False
         self._is_behind = False
         self._looks = 0
@@ -55,19 +50,19 @@ class Manager:
         """Publish in this module, and handle commands, once it runs. It has a resource of its own for that, so that
         other handlers of the module hold nothing up.
         """
-        self._module_name = module.name
+        self._module_name, application = module.name, self.application
         resource = module.resource(f"application {self.application.name}")
         module.at_start(self._publish_all)
         module.every(PERIOD, resource=resource)(self._publish)
         steps: dict[Any, Callable[[Any], object]] = {
-            self.messages.allocate: self.application.allocate,
+            self.messages.allocate: application.allocate,
             self.messages.move: self._move,
-            self.messages.set_period: self._set_period,
-            self.messages.set_priority: self._set_priority,
+            self.messages.set_period: lambda change: application.set_period(change.activity, change.period),
+            self.messages.set_priority: lambda change: application.set_priority(change.processor, change.priority),
             self.messages.set_policy: self._set_policy,
-            self.messages.initialise: lambda _: self.application.initialise(),
-            self.messages.start: lambda _: self.application.start(),
-            self.messages.stop: lambda _: self.application.stop(),
+            self.messages.initialise: lambda _: application.initialise(),
+            self.messages.start: lambda _: application.start(),
+            self.messages.stop: lambda _: application.stop(),
         }
         for message, step in steps.items():
             module.handles(message, resource=resource)(_handler(step))
@@ -79,12 +74,6 @@ class Manager:
             self.application.move(move.activity, move.processor, move.position)
         else:
             self.application.remove(move.activity)
-
-    def _set_period(self, change: ActivityPeriod) -> None:
-        self.application.set_period(change.activity, change.period)
-
-    def _set_priority(self, change: ProcessorPriority) -> None:
-        self.application.set_priority(change.processor, change.priority)
 
     def _set_policy(self, name: str) -> None:
         if name not in POLICIES:
@@ -98,12 +87,8 @@ class Manager:
 
     def _take_component(self, component: Component[Any]) -> None:
         for region in component.regions.values():
-            region.on_transition(self._take_transition)
+            region.on_transition(self._changes.append)
         self._is_behind = True
-
-    def _take_transition(self, change: RegionChange) -> None:
-        region = f"{change.component}.{change.region}"
-        self._changes.append(TransitionEntry(region, change.source, change.target, change.event))
 
     def _publish(self, sender: Callback) -> None:
         self._looks += 1
@@ -173,14 +158,4 @@ def _handler(step: Callable[[Any], object]) -> Callable[..., None]:
 
 
 def _component_entry(component: Component[Any]) -> ComponentEntry:
-    return ComponentEntry(component.name, [_region_entry(region) for region in component.regions.values()])
-
-
-def _region_entry(region: Region) -> RegionEntry:
-    entries = []
-    todo = [state for state in reversed(region.states.values()) if state.parent is None]
-    while todo:
-        state = todo.pop()
-        entries.append(StateEntry(state.name, state.parent.name if state.parent else ""))
-        todo += reversed(state.children)
-    return RegionEntry(region.name, entries)
+    return ComponentEntry(component.name, [region.chart for region in component.regions.values()])

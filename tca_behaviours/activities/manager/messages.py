@@ -2,30 +2,17 @@
 
 import msgspec
 
+from tca_behaviours.activities.components import RegionChange
 from tca_behaviours.activities.reports import AllocationReport, ApplicationFigures
 from tca_module import Command, Failure, MisuseError, Variable
-
-
-class StateEntry(msgspec.Struct, frozen=True):
-    """A state of a region."""
-
-    name: str
-    parent: str
-    """The state that holds it; empty: none does."""
-
-
-class RegionEntry(msgspec.Struct, frozen=True):
-    """A region and its states; those inside a state follow it."""
-
-    name: str
-    states: list[StateEntry]
+from tca_wire.charts import MachineChart
 
 
 class ComponentEntry(msgspec.Struct, frozen=True):
     """A component."""
 
     name: str
-    regions: list[RegionEntry]
+    regions: list[MachineChart]
 
 
 class ControlField(msgspec.Struct, frozen=True):
@@ -77,23 +64,11 @@ class ApplicationEntry(msgspec.Struct, frozen=True):
     controls: list[Control]
 
 
-class TransitionEntry(msgspec.Struct, frozen=True):
-    """A transition of a region."""
-
-    region: str
-    """With its component: "x.movement"."""
-    source: str
-    """Empty: it was initialised."""
-    target: str
-    event: str
-    """Empty: the transition has none."""
-
-
 class StatesReport(msgspec.Struct, frozen=True):
     """The leaf that is active in each region, and all transitions since the report before."""
 
     states: dict[str, str]
-    changes: list[TransitionEntry]
+    changes: list[RegionChange]
 
 
 class ActivityMove(msgspec.Struct, frozen=True):

@@ -33,7 +33,7 @@ from tca_behaviours.activities.models.names import (
     file_of,
 )
 from tca_behaviours.activities.models.statecharts import check_estimate, check_region
-from tca_tools.user_toml import BadUserFile, advice, read_table, read_toml, shown
+from tca_tools.user_toml import BadUserFile, check_known, read_table, read_toml, shown
 
 
 class _File(msgspec.Struct):
@@ -95,8 +95,7 @@ def model_of(name: str, tables: dict[str, Any]) -> ApplicationModel:
 
 def _tables(tables: dict[str, Any]) -> _File:
     for key, table in tables.items():
-        if key not in _File.__struct_fields__:
-            raise BadUserFile(f"'{key}' is unknown: {advice(key, _File.__struct_fields__)}")
+        check_known("top level", "table", key, _File.__struct_fields__)
         if not isinstance(table, dict):
             raise BadUserFile(f"{key} must be a table: write [{key}]")
     if not tables.get("components"):
@@ -139,11 +138,9 @@ def _type(name: str, given: Any, known: dict[str, TypeModel]) -> TypeModel:
 
 
 def _check_type(place: str, name: Any, types: dict[str, TypeModel]) -> None:
-    known = [*PLAIN_TYPES, *types]
     if not isinstance(name, str):
         raise BadUserFile(f"{place} must be the name of a type in quotes, not {shown(name)}")
-    if name not in known:
-        raise BadUserFile(f"{place}: type '{name}' is unknown here: {advice(name, known)}")
+    check_known(place, "type", name, [*PLAIN_TYPES, *types])
 
 
 def _component(name: str, given: Any, types: dict[str, TypeModel]) -> ComponentModel:
@@ -208,12 +205,10 @@ def _instance(name: str, given: Any, components: dict[str, ComponentModel]) -> I
     if name == "all":
         raise BadUserFile(f"{place}: 'all' is the list of all instances in application.py: choose another name")
     table = read_table(_Instance, place, _in_short(place, "component", given))
-    if table.component not in components:
-        raise BadUserFile(f"{place}: component '{table.component}' is unknown: {advice(table.component, components)}")
+    check_known(place, "component", table.component, components)
     data = components[table.component].data
     for field, value in table.data.items():
-        if field not in data:
-            raise BadUserFile(f"{place}.data.{field} is unknown: {advice(field, data)}")
+        check_known(f"{place}.data", "field", field, data)
         if type(value) is not type(data[field]) and (type(value), type(data[field])) != (int, float):
             raise BadUserFile(f"{place}.data.{field} must be like {shown(data[field])}, not {shown(value)}")
     return InstanceModel(name, table.component, table.data)
@@ -244,8 +239,7 @@ def _connection(model: ApplicationModel, source: tuple[str, str], given: Any) ->
 
 
 def _kind_of(model: ApplicationModel, place: str, instance: str) -> ComponentModel:
-    if instance not in model.instances:
-        raise BadUserFile(f"{place}: instance '{instance}' is unknown: {advice(instance, model.instances)}")
+    check_known(place, "instance", instance, model.instances)
     return model.components[model.instances[instance].component]
 
 
@@ -255,6 +249,5 @@ _T = TypeVar("_T")
 def _port(place: str, port: tuple[str, str], ports: dict[str, _T], others: dict[str, Any], wanted: str) -> _T:
     if port[1] in others:
         raise BadUserFile(f'{place}: {".".join(port)} is not {wanted} port: write OUTPUT = "INPUT"')
-    if port[1] not in ports:
-        raise BadUserFile(f"{place}: '{port[0]}' has no port '{port[1]}': {advice(port[1], ports)}")
+    check_known(f"{place}, instance '{port[0]}'", "port", port[1], ports)
     return ports[port[1]]

@@ -1,10 +1,12 @@
-"""What must be true of the regions of a component's model."""
+"""The regions of a component's model as statecharts, and what must be true of them."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 
-from tca_behaviours.activities.components.states import RegionState, StateList
+from tca_behaviours.activities.components.region import Region
 from tca_behaviours.activities.models.model import RegionModel, StateModel, TransitionModel
-from tca_tools.user_toml import BadUserFile, advice
+from tca_module import MisuseError
+from tca_tools.user_toml import BadUserFile, check_known
 
 
 def check_estimate(place: str, period: float, estimate: float) -> None:
@@ -23,22 +25,19 @@ def check_region(place: str, region: RegionModel, regions: dict[str, RegionModel
         above[state.name] = state
     for number, transition in enumerate(region.transitions, 1):
         _check_transition(f"{place}.transitions.{number}", transition, region, regions)
-    _check_reached(place, region)
+    try:
+        region_of(region).check()
+    except MisuseError as error:
+        raise BadUserFile(f"{place}: {error}") from None
 
 
 def _check_state(place: str, state: StateModel, above: dict[str, StateModel], initial: dict[str, str]) -> None:
-    if state.name in above:
-        raise BadUserFile(f"{place}: there are two states '{state.name}': give one of them another name")
-    if state.inside and state.inside not in above:
-        raise BadUserFile(
-            f"{place}: it stands inside '{state.inside}', which is no state above it: {advice(state.inside, above)}"
-        )
+    if state.inside:
+        check_known(f"{place}.inside", "outer state", state.inside, above)
     if state.initial:
         if other := initial.get(state.inside):
             raise BadUserFile(f"{place}: '{other}' is initial, too: leave one of them out")
         initial[state.inside] = state.name
-    if state.activity and not state.period:
-        raise BadUserFile(f"{place}.period is missing: activity '{state.activity}' needs a number of seconds above 0")
     check_estimate(place, state.period, state.estimate)
     if not state.activity and (state.period or state.estimate):
         raise BadUserFile(f'{place} has a period or estimate, and no activity: add activity = "METHOD"')
@@ -49,18 +48,12 @@ def _check_transition(
 ) -> None:
     names = [state.name for state in region.states]
     for end, name in (("from", transition.source), ("to", transition.target)):
-        if name not in names:
-            raise BadUserFile(f"{place}.{end}: region '{region.name}' has no state '{name}': {advice(name, names)}")
-    if not (transition.on or transition.when or transition.needs):
-        raise BadUserFile(f"{place} would be made at once: add on, when or needs")
+        check_known(f"{place}.{end}", "state", name, names)
     for need in transition.needs:
         other, _, state = need.partition(".")
-        if other not in regions:
-            raise BadUserFile(f"{place}.needs: '{need}': there is no region '{other}': {advice(other, regions)}")
-        if state not in (known := [one.name for one in regions[other].states]):
-            raise BadUserFile(
-                f"{place}.needs: '{need}': region '{other}' has no state '{state}': {advice(state, known)}"
-            )
+        at = f"{place}.needs '{need}'"
+        check_known(at, "region", other, regions)
+        check_known(at, "state", state, [one.name for one in regions[other].states])
 
 
 def ordered(states: list[StateModel], inside: str = "") -> Iterator[StateModel]:
@@ -71,12 +64,26 @@ def ordered(states: list[StateModel], inside: str = "") -> Iterator[StateModel]:
         yield from ordered(states, state.name)
 
 
-def _check_reached(place: str, region: RegionModel) -> None:
-    chart = StateList(region.name)
-    made: dict[str, RegionState] = {}
-    for state in ordered(region.states):
-        made[state.name] = chart.new_state(state.name, made.get(state.inside))
-    for transition in region.transitions:
-        made[transition.source].to(made[transition.target], on=transition.on or "whatever")
-    if lost := chart.unreached():
-        raise BadUserFile(f"{place}.states.{lost[0].name} can't be reached: let a transition lead to it, or remove it")
+def region_of(model: RegionModel) -> Region:
+    """The region as a component has it, with methods that do nothing. Raises MisuseError."""
+    region = Region("", model.name, model.period, model.estimate)
+    for state in ordered(model.states):
+        around = region.states[state.inside] if state.inside else region
+        around.state(
+            state.name, entry=_method(state.entry), exit=_method(state.exit), activity=_method(state.activity),
+            period=state.period, estimate=state.estimate,
+        )  # fmt: skip
+    for one in model.transitions:
+        region.states[one.source].to(region.states[one.target], on=one.on, when=_method(one.when), needs=one.needs)
+    return region
+
+
+@cache
+def _method(name: str) -> Callable[[], bool] | None:
+    """One of each name, as in the class that is generated."""
+
+    def method() -> bool:
+        return False
+
+    method.__name__ = name
+    return method if name else None

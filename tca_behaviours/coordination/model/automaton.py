@@ -13,7 +13,8 @@ from tca_behaviours.coordination.model.likelihoods import checked_likelihood
 from tca_behaviours.coordination.model.mistakes import Mistakes
 from tca_behaviours.coordination.model.situation import Situation
 from tca_behaviours.coordination.model.states import DONE, FAILED, AuthoredArrow, AuthoredState
-from tca_wire.coordination import ActivityKind
+from tca_behaviours.statecharts.soundness import arrows_of
+from tca_wire.charts import StateKind
 
 
 class LikelyArrow(NamedTuple):
@@ -36,22 +37,6 @@ class Automaton(Protocol):
 
     def waits(self, state: int) -> bool:
         """Whether the machine waits for an event in a leaf; in another one without an activity it does not rest."""
-
-
-def arrows_of(leaf: AuthoredState) -> list[AuthoredArrow]:
-    """The arrows by which a leaf may be left: its own and those of the compounds around it, from the inside out. A
-    final state inside a compound is left by the compound's end only.
-    """
-    if leaf.kind is ActivityKind.FINAL:
-        return [arrow for arrow in leaf.parent.arrows if arrow.event == DONE] if leaf.parent is not None else []
-    found: dict[str, AuthoredArrow] = {}
-    taken_always: set[str] = set()
-    for state in (leaf, *leaf.around()):
-        for arrow in state.arrows:
-            if arrow.event not in taken_always and (arrow.event != DONE or state is leaf):
-                found.setdefault(arrow.symbol, arrow)
-        taken_always |= {arrow.event for arrow in state.arrows if arrow.guard is None}
-    return list(found.values())
 
 
 def nominal(arrows: Sequence[AuthoredArrow]) -> AuthoredArrow | None:
@@ -90,7 +75,7 @@ class FlatAutomaton:
 
     def waits(self, state: int) -> bool:
         """Whether the machine waits for an event in a leaf; in another one without an activity it does not rest."""
-        return self._states[state].kind is ActivityKind.WAIT
+        return self._states[state].kind is StateKind.WAIT
 
     def _evaluated(self, leaf: AuthoredState) -> list[LikelyArrow]:
         arrows = arrows_of(leaf)

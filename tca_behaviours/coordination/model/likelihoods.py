@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import fsum, inf
 from typing import Any
 
-from tca_behaviours.coordination.model.errors import UnsoundCoordination
 from tca_behaviours.coordination.model.situation import Situation, check_confidence
+from tca_behaviours.statecharts.states import UnsoundMachine
 from tca_module import MisuseError, Variable
 
 _ROUNDING = 1e-9
@@ -125,7 +125,7 @@ def as_model(likelihood: Likelihood) -> LikelihoodModel:
 
 
 def checked_likelihood(likelihood: Any, what: str) -> float:
-    """It as a number in [0, 1]; what is outside by rounding is cut. Raises UnsoundCoordination."""
+    """It as a number in [0, 1]; what is outside by rounding is cut. Raises UnsoundMachine."""
     if not isinstance(likelihood, int | float) or not -_ROUNDING <= likelihood <= 1 + _ROUNDING:
-        raise UnsoundCoordination(f"{what} must be a number in [0, 1], not {likelihood!r:.60}")
+        raise UnsoundMachine(f"{what} must be a number in [0, 1], not {likelihood!r:.60}")
     return min(max(float(likelihood), 0.0), 1.0)

@@ -2,32 +2,25 @@
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any
+
+from msgspec.structs import replace
 
 from tca_behaviours.coordination.model.activities import Activity, Agent, checked_facts
 from tca_behaviours.coordination.model.automaton import FlatAutomaton
-from tca_behaviours.coordination.model.errors import UnsoundCoordination
+from tca_behaviours.coordination.model.interpreter import Interpreter
 from tca_behaviours.coordination.model.mistakes import Mistakes
 from tca_behaviours.coordination.model.situation import Fact, Situation
 from tca_behaviours.coordination.model.soundness import check
-from tca_behaviours.coordination.model.statechart import Interpreter
-from tca_behaviours.coordination.model.states import DONE, FAILED, AuthoredArrow, AuthoredState, CompoundState
+from tca_behaviours.coordination.model.states import DONE, FAILED, AuthoredArrow, AuthoredState
+from tca_behaviours.statecharts.writing import BlockMachine
 from tca_module import MisuseError, Variable
-from tca_tools.drawing.coordination_dot import coordination_dot
-from tca_tools.drawing.picture_file import write_machine
-from tca_tools.errors import raised_as
-from tca_wire.coordination import (
-    ActivityKind,
-    CoordinationArrow,
-    CoordinationChart,
-    CoordinationReport,
-    CoordinationState,
-)
-
-S = TypeVar("S", bound=AuthoredState)
+from tca_tools.drawing.chart_dot import chart_dot, likely_arrows, report_marks
+from tca_wire.charts import MachineChart, StateKind
+from tca_wire.coordination import CoordinationReport
 
 
-class Coordination:
+class Coordination(BlockMachine[AuthoredState]):
     """A machine whose states have activities. Its states are written inside its ``with`` block, and checked at the end
     of that; the first one is entered first.
 
@@ -38,31 +31,13 @@ class Coordination:
     def __init__(
         self, name: str, *, facts: Mapping[str, Fact] | None = None, watch: Iterable[Variable[Any]] = ()
     ) -> None:
-        if not isinstance(name, str) or not name.strip():
-            raise MisuseError(f"a machine needs a name, not {name!r:.60}")
-        self.name = name
+        super().__init__(name, AuthoredState(StateKind.COMPOUND, name, None))
         self.facts = checked_facts(facts or {}, "facts")
         """What holds at the start."""
         self._watch = list(watch)
-        self._top: list[AuthoredState] = []
-        self._labelled: dict[str, AuthoredState] = {}
-        self._written: list[CompoundState] = []
-        self._is_open = False
-        self._states: list[AuthoredState] = []
 
     def __repr__(self) -> str:
         return f"machine '{self.name}'"
-
-    def __enter__(self) -> Self:
-        if self._is_open or self._states:
-            raise MisuseError(f"{self!r} is written in one with block; make another one")
-        self._is_open = True
-        return self
-
-    def __exit__(self, kind: object, *_: object) -> None:
-        self._is_open = False
-        if kind is None:
-            self._build()
 
     # --- states ----------------------------------------------------------------------------------------------------
 
@@ -70,44 +45,20 @@ class Coordination:
         """A state with an activity; or one without, which waits for an event."""
         if activity is not None and not isinstance(activity, Activity):
             raise MisuseError(f"state {label!r:.60}: its activity must be an Activity(Do(...)), not {activity!r:.60}")
-        parent = self._place(label)
-        kind = ActivityKind.WAIT if activity is None else ActivityKind.ACTIVITY
-        return self._added(AuthoredState(kind, label, parent, activity))
+        kind = StateKind.WAIT if activity is None else StateKind.ACTIVITY
+        return self._added(AuthoredState(kind, label, self._place(label), activity))
 
     def final(self, label: str) -> AuthoredState:
         """The end of the compound in which it is written, which is done then; outside of any, that of the machine."""
-        return self._added(AuthoredState(ActivityKind.FINAL, label, self._place(label)))
+        return self._added(AuthoredState(StateKind.FINAL, label, self._place(label)))
 
-    def compound(self, label: str) -> CompoundState:
+    def compound(self, label: str) -> AuthoredState:
         """A state that holds those that are written inside its ``with`` block. Its arrows apply in all of them, but for
         those for "done": they are taken when a final state inside is reached.
         """
-        return self._added(CompoundState(label, self._place(label), self._written))
-
-    def _place(self, label: str) -> CompoundState | None:
-        """The compound in which a state of this label is written."""
-        if not self._is_open:
-            raise MisuseError(f"{self!r}: its states are written inside its with block")
-        if not isinstance(label, str) or not label.strip():
-            raise MisuseError(f"{self!r}: the label of a state is text, not {label!r:.60}")
-        if label in self._labelled:
-            raise UnsoundCoordination(f"{self!r} has two states '{label}': give one of them another label")
-        return self._written[-1] if self._written else None
-
-    def _added(self, state: S) -> S:
-        self._labelled[state.label] = state
-        if state.parent is None:
-            self._top.append(state)
-        return state
+        return self._added(AuthoredState(StateKind.COMPOUND, label, self._place(label)))
 
     # --- the whole -------------------------------------------------------------------------------------------------
-
-    @property
-    def states(self) -> list[AuthoredState]:
-        """All states, by their numbers. Raises MisuseError while the machine is being written."""
-        if not self._states:
-            raise MisuseError(f"{self!r} is not built: that happens at the end of its with block")
-        return self._states
 
     @property
     def agents(self) -> list[Agent]:
@@ -131,10 +82,10 @@ class Coordination:
         return list({variable.name: variable for variable in (*self._watch, *of_arrows)}.values())
 
     @property
-    def chart(self) -> CoordinationChart:
-        """Its structure as data."""
-        arrows = [CoordinationArrow(one.source.number, one.target.number, one.symbol) for one in self._arrows]
-        return CoordinationChart(self.name, [agent.name for agent in self.agents], list(map(_row, self.states)), arrows)
+    def chart(self) -> MachineChart:
+        """Its structure as data. Raises MisuseError while the machine is being written."""
+        agents = [agent.name for agent in self.agents]
+        return replace(super().chart, is_coordinated=True, agents=agents)
 
     def automaton(self, situation: Situation, mistakes: Mistakes | None = None) -> FlatAutomaton:
         """The machine with its likelihoods in that situation. *mistakes*: takes what their functions raise."""
@@ -148,27 +99,11 @@ class Coordination:
         """Draw it into a file, .svg, .png, .pdf or .dot. With a *report* of a run the current state is green, and those
         that it foresees are yellow, with their likelihoods. Raises MisuseError if that can't be done.
         """
-        with raised_as(MisuseError):
-            write_machine(Path(path), coordination_dot(self.chart, report))
+        marks, likely = ({}, None) if report is None else (report_marks(report), likely_arrows(self.chart, report))
+        self._draw(path, chart_dot(self.chart, marks, likely))
 
-    def _build(self) -> None:
-        states = [state for top in self._top for state in top.all()]
-        if not states:
-            raise UnsoundCoordination(f"{self!r} has no state: write them inside its with block")
-        for number, state in enumerate(states):
-            state.number = number
-            for arrow in state.arrows:
-                arrow.resolve(self._labelled)
+    def _numbered(self) -> list[AuthoredState]:
+        return list(self.root.all())[1:]  # it has no frame around it all
+
+    def _check(self, states: list[AuthoredState]) -> None:
         check(states, self.facts)
-        self._states = states
-
-
-def _row(state: AuthoredState) -> CoordinationState:
-    tasks = state.activity.tasks if state.activity is not None else ()
-    return CoordinationState(
-        label=state.label,
-        kind=state.kind,
-        parent=state.parent.number if state.parent is not None else -1,
-        tasks=[task.text for task in tasks],
-        agents=["+".join(agent.name for agent in task.agents) for task in tasks],
-    )

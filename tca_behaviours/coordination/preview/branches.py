@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from tca_behaviours.coordination.model.activities import Activity
-from tca_behaviours.coordination.model.automaton import arrows_of
 from tca_behaviours.coordination.model.machine import Coordination
 from tca_behaviours.coordination.model.states import FAILED
+from tca_behaviours.statecharts.soundness import arrows_of
 
 
 class BareArrow(NamedTuple):

@@ -5,8 +5,8 @@ from math import isfinite
 from threading import Lock
 from typing import Any
 
+from tca_behaviours.coordination.model.interpreter import Interpreter
 from tca_behaviours.coordination.model.machine import Coordination
-from tca_behaviours.coordination.model.statechart import Interpreter
 from tca_behaviours.coordination.preview.policy import Policy
 from tca_behaviours.coordination.preview.walk import PreviewLimits
 from tca_behaviours.coordination.running.failures import FailureNotes
@@ -15,7 +15,8 @@ from tca_behaviours.coordination.running.messages import COORDINATION_EVENT, Coo
 from tca_behaviours.coordination.running.run import CoordinationRun
 from tca_module import Command, MisuseError, Module, Sender, Task, TcaError, Variable
 from tca_module.log import log_of
-from tca_wire.coordination import CoordinationChart, CoordinationReport
+from tca_wire.charts import MachineChart
+from tca_wire.coordination import CoordinationReport
 from tca_wire.points import TaskId
 
 _PATIENCE = 5.0
@@ -45,7 +46,7 @@ class Coordinator:
         self.chart = machine.chart
         """The machine as data: those of its command."""
         self.message = Command(
-            f"coordinate {machine.name}", CoordinationChart, result=CoordinationEnd, progress=CoordinationReport
+            f"coordinate {machine.name}", MachineChart, result=CoordinationEnd, progress=CoordinationReport
         )
         """The command that runs the machine."""
         self._look_ahead = (
@@ -110,7 +111,7 @@ class Coordinator:
 
     # --- handlers --------------------------------------------------------------------------------------------------
 
-    def _coordinate(self, task: Task, chart: CoordinationChart) -> CoordinationEnd:
+    def _coordinate(self, task: Task, chart: MachineChart) -> CoordinationEnd:
         if chart != self.chart:
             raise task.rejected(f"{self.machine!r} has another structure here: start the program anew that sends it")
         assert self._interpreter is not None

@@ -10,10 +10,10 @@ from contextlib import suppress
 from typing import Any
 
 from tca_behaviours.coordination.model.activities import Activity
+from tca_behaviours.coordination.model.interpreter import Interpreter, TakenArrow
 from tca_behaviours.coordination.model.machine import Coordination
 from tca_behaviours.coordination.model.mistakes import Mistakes
 from tca_behaviours.coordination.model.situation import Situation
-from tca_behaviours.coordination.model.statechart import Interpreter, TakenArrow
 from tca_behaviours.coordination.model.states import DONE, FAILED
 from tca_behaviours.coordination.preview.decide import Decision
 from tca_behaviours.coordination.running.activities_at_work import ActivitiesAtWork

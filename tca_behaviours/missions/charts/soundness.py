@@ -3,10 +3,9 @@
 The search goes from the inside out: how a container can be left follows from how the states in it can.
 """
 
-from collections.abc import Iterable
-from graphlib import CycleError, TopologicalSorter
-
-from tca_behaviours.missions.charts.states import ENDINGS, MachineState, UnsoundMachine
+from tca_behaviours.missions.charts.states import ENDINGS, MachineState
+from tca_behaviours.statecharts.soundness import all_reached, check_all_reached, check_no_circle, named
+from tca_behaviours.statecharts.states import UnsoundMachine
 from tca_wire.charts import Ending, StateKind
 
 Exits = dict[Ending | MachineState, bool]
@@ -29,8 +28,8 @@ class _Search:
         _check_targets(state)
         inside = self._inside(state)
         self.endings[state] = [ending for ending in ENDINGS if ending in inside]
-        for ending in state.written:
-            if ending not in inside:
+        for ending in state.by_event:
+            if ending not in self.endings[state]:
                 ends = " or ".join(self.endings[state]) or "never"
                 raise UnsoundMachine(f"{state!r} can't end as {ending}: it ends as {ends}; leave out on({ending}=...)")
         found: Exits = {}
@@ -44,8 +43,6 @@ class _Search:
             return dict.fromkeys(ENDINGS, False)
         if state.kind is StateKind.EPSILON:
             return {"completed": True}
-        if not state.children:
-            raise UnsoundMachine(f"{state!r} is empty: give it a task")
         return self._concurrence(state) if state.kind.is_concurrent else self._one_at_a_time(state)
 
     def _concurrence(self, state: MachineState) -> Exits:
@@ -53,7 +50,7 @@ class _Search:
             raise UnsoundMachine(f"{state!r} has one state only: give it another, or leave the concurrence out")
         in_front = [branch for branch in state.children if any(map(_is_in_front, branch.all()))]
         if len(in_front) > 1:
-            msg = f"{state!r}: {_listed(in_front)} would run in the foreground at once, and stop each other"
+            msg = f"{state!r}: {named(in_front)} would run in the foreground at once, and stop each other"
             raise UnsoundMachine(f"{msg}: give all tasks of all but one foreground=False")
         left = {branch: self.exits(branch) for branch in state.children}
         for branch, exits in left.items():
@@ -67,18 +64,11 @@ class _Search:
     def _one_at_a_time(self, state: MachineState) -> Exits:
         left = {child: self.exits(child) for child in state.children}
         follow = {child: [to for to in exits if to in left] for child, exits in left.items()}
-        first = state.children[0]
-        reached = _reached(first, follow)
-        if unreached := [child for child in left if child not in reached]:
-            msg = f"{_listed(unreached)} in {state!r} can't be reached"
-            raise UnsoundMachine(f"{msg}: name it in on(...) of a state that can, or remove it")
+        reached = all_reached(state.children[0], follow.__getitem__)
+        check_all_reached([child for child in left if child not in reached])
         idle = {child: [to for to, is_idle in exits.items() if is_idle and to in left] for child, exits in left.items()}
-        try:
-            TopologicalSorter(idle).prepare()
-        except CycleError as error:
-            msg = f"{_listed(dict.fromkeys(error.args[1]))} in {state!r} lead to each other for ever without any task"
-            raise UnsoundMachine(f"{msg}: put a task between them") from None
-        at_once = _reached(first, idle)
+        check_no_circle(idle)
+        at_once = all_reached(state.children[0], idle.__getitem__)
         found: Exits = {}
         for child, exits in left.items():
             for to, is_idle in exits.items():
@@ -87,36 +77,22 @@ class _Search:
         return found
 
 
-def _reached(first: MachineState, follow: dict[MachineState, list[MachineState]]) -> set[MachineState]:
-    reached, todo = {first}, [first]
-    while todo:
-        new = [to for to in follow[todo.pop()] if to not in reached]
-        reached.update(new)
-        todo += new
-    return reached
-
-
 def _check_targets(state: MachineState) -> None:
     """A transition leads to a state beside its own, or beside a container of that; never into a container."""
     around = list(state.around())
-    for ending, target in state.written.items():
-        if target is state or (target in around and target.parent is not None):
+    for arrow in state.arrows:
+        target = arrow.target
+        if target is state or target in around:
             continue  # it begins again
-        if target.parent is None:
-            msg = "the whole machine can't be a target: name its first state"
-        elif target.parent not in around:
-            beside = f"{target.parent!r}"
-            msg = f"{target!r} is inside {beside}: only states beside {state!r}, or around it, can follow"
+        assert target.parent is not None, "the whole machine has no label"
+        if target.parent not in around:
+            msg = f"{target!r} is inside {target.parent!r}: only states beside {state!r}, or around it, can follow"
         elif target.parent.kind.is_concurrent:
             msg = f"{target!r} runs beside it in {target.parent!r}, and can't follow"
         else:
             continue
-        raise UnsoundMachine(f"{state!r}: on({ending}=...): {msg}")
+        raise UnsoundMachine(f"{state!r}: on({arrow.event}=...): {msg}")
 
 
 def _is_in_front(state: MachineState) -> bool:
     return state.kind is StateKind.TASK and bool(state.parameters.get("foreground", True))
-
-
-def _listed(states: Iterable[MachineState]) -> str:
-    return " and ".join(map(repr, states))

@@ -6,18 +6,12 @@
   the others. In *any*, an ending of one leads out of the whole; in *all*, a region's final state waits for the others.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from tca_behaviours.missions.charts.states import ENDINGS, MachineState
+from tca_behaviours.statecharts.library import LibraryChart
 from tca_wire.charts import Ending, StateKind
-from tca_wire.text.missing import missing_package
-
-try:
-    from statemachine import State, StateChart
-    from statemachine.io import create_machine_class_from_definition
-except ImportError:
-    raise ImportError(missing_package("a state machine", "python-statemachine", "charts")) from None
 
 Told = Callable[[MachineState], object]
 
@@ -32,59 +26,36 @@ class Statechart:
         self._names = {state: f"s{number}" for number, state in enumerate(states)}
         self._states = {name: state for state, name in self._names.items()}
         self._told = entered, left
-        self._chart: StateChart[Any] | None = None
         definition: dict[str, Any] = {self._names[root]: self._defined(root, is_first=True)}
         definition |= {f"end_{ending}": {"final": True} for ending in ENDINGS}
-        self._class = create_machine_class_from_definition(
-            "StateMachine",
-            definition,
-            catch_errors_as_events=False,  # they stop the machine
-            # how a machine is checked is said in soundness.py, in words of those who write one
-            validate_trap_states=False,
-            validate_disconnected_states=False,
-            validate_final_reachability=False,
-        )
-        for order, state in enumerate(_in_order(self._class.states), 1):
-            state.document_order = order  # the library counts brothers of a container anew (3.2)
+        self._chart = LibraryChart(definition)
 
     def begin(self) -> None:
         """Enter the first states."""
-        self._chart = self._class(listeners=[_Listener(self._note_entered, self._note_left)])
+        self._chart.begin()
 
     def note_end(self, state: MachineState, ending: Ending) -> None:
         """The task of an active state has ended: leave the state, and enter those that follow."""
-        self._begun.send(_event(self._names[state], ending))
+        self._chart.send(_event(self._names[state], ending))
 
     @property
     def active(self) -> list[int]:
         """The active states, by their numbers."""
-        names = self._begun.configuration_values
+        names = self._chart.active
         return [number for number, name in enumerate(self._states) if name in names]
 
     @property
     def ending(self) -> Ending | None:
         """How the machine has ended; None while it runs."""
-        names = self._begun.configuration_values
+        names = self._chart.active
         return next((ending for ending in ENDINGS if f"end_{ending}" in names), None)
-
-    @property
-    def _begun(self) -> StateChart[Any]:
-        assert self._chart is not None, "begin() comes first"
-        return self._chart
-
-    def _note_entered(self, state: State) -> None:
-        if state.id in self._states:
-            self._told[0](self._states[state.id])
-
-    def _note_left(self, state: State) -> None:
-        if state.id in self._states:
-            self._told[1](self._states[state.id])
 
     # --- its definition --------------------------------------------------------------------------------------------
 
     def _defined(self, state: MachineState, *, is_first: bool) -> dict[str, Any]:
         name = self._names[state]
-        defined: dict[str, Any] = {"initial": is_first}
+        entered, left = self._told
+        defined: dict[str, Any] = {"initial": is_first, "enter": lambda: entered(state), "exit": lambda: left(state)}
         leads = {ending: self._place_after(state, ending) for ending in ENDINGS}
         match state.kind:
             case StateKind.TASK:
@@ -121,14 +92,6 @@ class Statechart:
         return self._place_after(parent, ending)
 
 
-class _Listener:
-    """These two names only: the library calls others by theirs, too."""
-
-    def __init__(self, entered: Callable[[State], None], left: Callable[[State], None]) -> None:
-        self.on_enter_state = entered
-        self.on_exit_state = left
-
-
 def _event(name: str, ending: Ending) -> str:
     """The event that tells the statechart how the task of a state has ended."""
     return f"ended.{name}.{ending}"
@@ -140,9 +103,3 @@ def _final(ending: Ending) -> dict[str, Any]:
 
 def _has_ended(ending: Ending) -> Callable[[str], bool]:
     return lambda outcome: outcome == ending
-
-
-def _in_order(states: Any) -> Iterator[State]:
-    for state in states:
-        yield state
-        yield from _in_order(state.states)

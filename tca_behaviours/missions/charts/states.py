@@ -3,33 +3,27 @@
 from collections.abc import Iterator
 from typing import Any, Self, get_args
 
-from tca_module import MisuseError
-from tca_wire.charts import Ending, StateKind
+from msgspec.structs import replace
 
+from tca_behaviours.statecharts.states import Arrow
+from tca_behaviours.statecharts.writing import BlockState, line
+from tca_module import MisuseError
+from tca_wire.charts import ChartArrow, ChartState, Ending, StateKind
+
+_MOST_PARAMETERS = 6
+"""Lines that a task has in the picture."""
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
 
 
-class UnsoundMachine(MisuseError):
-    """A machine that can't be run as it is written; the text says which state is wrong, and what to do."""
-
-
-class MachineState:
+class MachineState(BlockState["MachineState", "EndingArrow"]):
     """A state of a machine that is being written; ``on`` says which state follows it."""
 
     def __init__(self, kind: StateKind, label: str, parent: "MachineState | None") -> None:
-        self.kind = kind
-        self.label = label
-        self.parent = parent
-        self.children: list[MachineState] = []
+        super().__init__(kind, label, parent)
         self.task = ""
         self.parameters: dict[str, Any] = {}
-        self.is_open = True
-        """Whether the machine is still being written."""
-        self._named: dict[Ending, MachineState | str] = {}
-        self.written: dict[Ending, MachineState] = {}
-        """The states that ``on`` names, once the machine is built."""
-        if parent is not None:
-            parent.children.append(self)
+        self.endings: list[Ending] = []
+        """Those that it can have, when the machine is built."""
 
     def __repr__(self) -> str:
         kind = "concurrence" if self.kind.is_concurrent else self.kind
@@ -46,66 +40,47 @@ class MachineState:
         """The state, or the label of one, that follows when this one has ended so. Without, a *completed* state of a
         sequence leads to the next, and any other ending is that of the container.
         """
-        if not self.is_open:
-            raise MisuseError(f"{self!r} is built: say on(...) inside the machine's with block")
-        given = {"completed": completed, "failed": failed, "timeout": timeout, "interrupted": interrupted}
-        for ending in ENDINGS:
-            target = given[ending]
-            if target is None:
-                continue
-            if not isinstance(target, MachineState | str):
-                raise MisuseError(f"{self!r}: on({ending}=...) takes a state or its label, not {target!r:.60}")
-            if ending in self._named:
+        for ending, target in zip(ENDINGS, (completed, failed, timeout, interrupted), strict=True):
+            if ending in self.by_event and target is not None:
                 raise MisuseError(f"{self!r}: on({ending}=...) is said twice")
-            self._named[ending] = target
+            if target is not None:
+                self.lead(EndingArrow(self, target, ending))
         return self
-
-    def resolve(self, labelled: "dict[str, MachineState]") -> None:
-        """Find the states that ``on`` names by label; nothing can be written any more."""
-        self.is_open = False
-        for ending, target in self._named.items():
-            if isinstance(target, str) and target not in labelled:
-                known = ", ".join(f"'{label}'" for label in labelled)
-                raise UnsoundMachine(f"{self!r}: on({ending}='{target}') names no state; there are {known}")
-            self.written[ending] = labelled[target] if isinstance(target, str) else target
 
     def target(self, ending: Ending) -> "MachineState | None":
         """The state that follows an ending; None where the ending is passed on to the container."""
-        if ending in self.written:
-            return self.written[ending]
+        if ending in self.by_event:
+            return self.by_event[ending][0].target
         if ending == "completed" and self.parent is not None and self.parent.kind is StateKind.SEQUENCE:
             brothers = self.parent.children
             return next(iter(brothers[brothers.index(self) + 1 :]), None)
         return None
 
-    def around(self) -> "Iterator[MachineState]":
-        """The containers that it stands in, innermost first."""
-        if self.parent is not None:
-            yield self.parent
-            yield from self.parent.around()
+    def lines(self) -> Iterator[str]:
+        """The parameters of its task."""
+        shown = list(self.parameters.items())
+        for name, value in shown[:_MOST_PARAMETERS]:
+            yield line(f"{name} = {value}")
+        if len(shown) > _MOST_PARAMETERS:
+            yield f"and {len(shown) - _MOST_PARAMETERS} more"
 
-    def all(self) -> "Iterator[MachineState]":
-        """Itself and all inside, in the order in which they were written."""
-        yield self
-        for child in self.children:
-            yield from child.all()
+    def row(self) -> ChartState:
+        """It as data, once the machine is numbered."""
+        kind = self.task or self.kind
+        is_said = self.label.rstrip("0123456789 ") == kind or kind is StateKind.EPSILON
+        is_last = "completed" in self.endings and self.target("completed") is None
+        completes = is_last and self.parent is not None and not self.parent.kind.is_concurrent
+        return replace(super().row(), note="" if is_said else kind, completes=completes)
+
+    def ways(self) -> Iterator[ChartArrow]:
+        """The transitions that lead out of it, as data: those that follow from its place in a sequence, too."""
+        for ending in self.endings:
+            if (to := self.target(ending)) is not None:
+                yield ChartArrow(self.number, to.number, "" if ending == "completed" else ending)
 
 
-class ContainerState(MachineState):
-    """A state that holds others: those that are written inside its ``with`` block."""
+class EndingArrow(Arrow[MachineState]):
+    """A transition that follows an ending of a state."""
 
-    def __init__(
-        self, kind: StateKind, label: str, parent: MachineState | None, written: "list[ContainerState]"
-    ) -> None:
-        """*written*: the containers in which the machine is being written, innermost last."""
-        super().__init__(kind, label, parent)
-        self._written = written
-
-    def __enter__(self) -> Self:
-        if not self.is_open or self.children:
-            raise MisuseError(f"{self!r} is written in one with block; make another one")
-        self._written.append(self)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._written.pop()
+    def __repr__(self) -> str:
+        return f"{self.source!r}: on({self.event}={self.label!r})"

@@ -19,12 +19,6 @@ def _unreachable(sm: StateMachine) -> None:
     sm.Turn("lost")
 
 
-def _empty(sm: StateMachine) -> None:
-    sm.GoTo()
-    with sm.sequence("nothing"):
-        pass
-
-
 def _without_with(sm: StateMachine) -> None:
     sm.GoTo()
     sm.sequence("forgotten")

@@ -18,10 +18,11 @@ export class Regions {
   }
 
   #region(component, { name, states }) {
-    const made = states.map((state) => {
-      const shown = element("span", { class: state.parent ? "state inside" : "state", text: state.name });
-      if (state.parent) shown.title = `inside '${state.parent}'`;
-      return { ...state, shown };
+    const made = states.map(({ label, parent = -1 }) => {
+      const outer = states[parent]?.label;
+      const shown = element("span", { class: outer ? "state inside" : "state", text: label });
+      if (outer) shown.title = `inside '${outer}'`;
+      return { name: label, parent: outer, shown };
     });
     this.states.set(`${component}.${name}`, made);
     return element("div", { class: "region" }, element("span", { class: "name", text: name, title: name }),

@@ -1,0 +1,47 @@
+"""A machine at work: the transitions that events take, from leaf to leaf."""
+
+from typing import NamedTuple
+
+from tca_behaviours.coordination.model.situation import Situation
+from tca_behaviours.coordination.model.states import AuthoredArrow, AuthoredState
+from tca_behaviours.statecharts.library import LibraryInterpreter
+from tca_wire.charts import StateKind
+
+
+class TakenArrow(NamedTuple):
+    """A transition from one leaf to another."""
+
+    before: int
+    symbol: str
+    after: int
+
+
+class Interpreter:
+    """A machine at work. It begins in the leaf that is entered first."""
+
+    def __init__(self, states: list[AuthoredState]) -> None:
+        self._states = states
+        self._chart = LibraryInterpreter[AuthoredState, AuthoredArrow](states)
+        self._chart.restart()
+        self.current = states[0].leaf.number
+        """The current leaf."""
+
+    def restart(self) -> None:
+        """Begin anew."""
+        self._chart.restart()
+        self.current = self._states[0].leaf.number
+
+    @property
+    def is_ended(self) -> bool:
+        """Whether a final state of the whole machine is reached."""
+        return self._states[self.current].kind is StateKind.FINAL
+
+    def take(self, event: str, situation: Situation) -> list[TakenArrow]:
+        """Tell it of an event: "done" and "failed" are those of the current activity. The arrows that were taken: none
+        if nothing leads on by this event as things are; several if a compound has ended by that.
+        """
+        taken = []
+        for arrow in self._chart.take(event, situation):
+            taken.append(TakenArrow(self.current, arrow.symbol, arrow.target.leaf.number))
+            self.current = taken[-1].after
+        return taken

@@ -1,0 +1,118 @@
+"""Machines that are written inside a ``with`` block, and checked at the end of that."""
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any, Generic, Self, TypeVar, cast
+
+from tca_behaviours.statecharts.states import A, State, UnsoundMachine, chart_of
+from tca_module import MisuseError
+from tca_tools.drawing.picture_file import write_machine
+from tca_tools.errors import raised_as
+from tca_wire.charts import MachineChart, StateKind
+from tca_wire.text.printable import shortened
+
+B = TypeVar("B", bound="BlockState[Any, Any]")
+
+_LONGEST = 48
+"""Characters that a line of a state has in the structure of its machine."""
+
+
+class BlockState(State[B, A]):
+    """A state that holds, if it is a container, those that are written inside its ``with`` block."""
+
+    def __init__(self, kind: StateKind, label: str, parent: B | None) -> None:
+        super().__init__(kind, label, parent)
+        self.open: list[B] = parent.open if parent is not None else []
+        """The containers of its machine that are being written, innermost last."""
+
+    def __enter__(self) -> Self:
+        if self.number != -1 or self.children or not self.kind.is_container:
+            raise MisuseError(f"{self!r} is written in one with block; make another one")
+        self.open.append(cast("B", self))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.open.pop()
+
+    def lead(self, arrow: A) -> A:
+        """Add a transition that leads out of it. Raises MisuseError once the machine is built."""
+        if self.number != -1:
+            raise MisuseError(f"{self!r} is built: write its transitions inside the machine's with block")
+        return super().lead(arrow)
+
+
+class BlockMachine(ABC, Generic[B]):
+    """A machine whose states are written inside its ``with`` block; the first one is entered first."""
+
+    def __init__(self, name: str, root: B) -> None:
+        """*root*: the container that is the whole machine."""
+        if not isinstance(name, str) or not name.strip():
+            raise MisuseError(f"a machine needs a name, not {name!r:.60}")
+        self.name = name
+        self.root = root
+        self._labelled: dict[str, B] = {}
+        self._states: list[B] = []
+
+    def __enter__(self) -> Self:
+        self.root.__enter__()
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        self.root.__exit__()
+        if kind is None:
+            self._build()
+
+    def _place(self, label: object) -> B:
+        """The container in which a state of this label is written."""
+        if not self.root.open:
+            raise MisuseError(f"{self!r}: its states are written inside its with block")
+        if not isinstance(label, str) or not label.strip():
+            raise MisuseError(f"{self!r}: the label of a state is text, not {label!r:.60}")
+        if label in self._labelled:
+            raise UnsoundMachine(f"{self!r} has two states '{label}': give one of them another label")
+        return cast("B", self.root.open[-1])
+
+    def _added(self, state: B) -> B:
+        self._labelled[state.label] = state
+        return state
+
+    @property
+    def states(self) -> list[B]:
+        """All states, by their numbers. Raises MisuseError while the machine is being written."""
+        if not self._states:
+            raise MisuseError(f"{self!r} is not built: that happens at the end of its with block")
+        return self._states
+
+    @property
+    def chart(self) -> MachineChart:
+        """Its structure as data. Raises MisuseError while the machine is being written."""
+        return chart_of(self.name, self.states)
+
+    def _build(self) -> None:
+        if empty := next((one for one in self.root.all() if one.kind.is_container and not one.children), None):
+            raise UnsoundMachine(f"{empty!r} is empty: write a state inside it")
+        states = self._numbered()
+        for number, state in enumerate(states):
+            state.number = number
+        for state in states:
+            for arrow in state.arrows:
+                arrow.resolve(self._labelled)
+        self._check(states)
+        self._states = states
+
+    def _draw(self, path: str | Path, source: str) -> None:
+        with raised_as(MisuseError):
+            write_machine(Path(path), source)
+
+    def _numbered(self) -> list[B]:
+        """The states that the chart has, in their order."""
+        return list(self.root.all())
+
+    @abstractmethod
+    def _check(self, states: list[B]) -> None:
+        """Raises UnsoundMachine if it can't be run."""
+
+
+def line(text: str) -> str:
+    """A line of what a state does, for its chart."""
+    return shortened(text, _LONGEST)
