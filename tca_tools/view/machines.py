@@ -54,8 +54,9 @@ def machine_picture(reading: Reading, task_id: int) -> dict[str, str] | None:
     if len(chart.states) > _MOST_STATES:
         return {"problem": f"{len(chart.states)} states are too many for a picture"}
     try:
-        dot = chart_dot(chart) if isinstance(chart, MachineChart) else coordination_dot(chart)
-        return {"svg": _picture(dot)}
+        if isinstance(chart, MachineChart):
+            return {"svg": _picture(chart_dot(chart))}
+        return {"svg": _picture(coordination_dot(chart))}
     except NoPicture as error:
         return {"problem": error.message}
 
