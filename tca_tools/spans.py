@@ -45,15 +45,42 @@ class Cover:
         return self._before[place] - max(self._ends[place - 1] - time, 0.0)
 
 
+class Lanes:
+    """Lanes, in each of which no spans overlap. A span gets the first that is free when it begins."""
+
+    def __init__(self) -> None:
+        self._ends: list[float] = []
+        """When the last span of each ended, or will."""
+        self._busy: list[tuple[float, int]] = []
+        """Lanes with the ends of their spans, once these are known."""
+        self._free: list[int] = []
+
+    def take(self, start: float) -> int:
+        """A lane for what begins at that time."""
+        while self._busy and self._busy[0][0] <= start:
+            heapq.heappush(self._free, heapq.heappop(self._busy)[1])
+        if self._free and self._ends[self._free[0]] <= start:
+            return heapq.heappop(self._free)
+        for lane in sorted(self._free):  # what is told late began before others ended
+            if self._ends[lane] <= start:
+                self._free.remove(lane)
+                heapq.heapify(self._free)
+                return lane
+        self._ends.append(inf)
+        return len(self._ends) - 1
+
+    def leave(self, lane: int, end: float) -> None:
+        """Tell when the span of a lane ends."""
+        self._ends[lane] = end
+        heapq.heappush(self._busy, (end, lane))
+
+
 def lanes(spans: Iterable[Span]) -> Iterator[int]:
-    """The lane of each span, given in the order of their starts: the first that is free. In a lane none overlap."""
-    busy: list[tuple[float, int]] = []
-    free: list[int] = []
+    """The lane of each span, given in the order of their starts."""
+    taken = Lanes()
     for start, end in spans:
-        while busy and busy[0][0] <= start:
-            heapq.heappush(free, heapq.heappop(busy)[1])
-        lane = heapq.heappop(free) if free else len(busy)
-        heapq.heappush(busy, (end, lane))
+        lane = taken.take(start)
+        taken.leave(lane, end)
         yield lane
 
 

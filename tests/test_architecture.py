@@ -239,7 +239,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "report": {
             "analysis", "errors", "gantt", "options", "output", "journal", "spans", "tasktree_viz", "terminal", "explain",
         },
-        "view": {"live", "drawing", "errors", "gantt", "options", "journal", "tasktree_viz", "explain"},
+        "view": {"live", "drawing", "errors", "gantt", "options", "journal", "spans", "tasktree_viz", "explain"},
     },
 }  # fmt: skip
 

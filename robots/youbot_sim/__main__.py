@@ -8,9 +8,10 @@ from robots.show import parser_of, save_picture, shown
 from robots.youbot_sim.robot import Physics
 from robots.youbot_sim.seeds import HEAD, compare, lid_of, row, summary
 from robots.youbot_sim.show import SCHEDULES, DeliveryShow, ShownDelivery
+from tca_tools.gantt.chart import Chart
 from tca_tools.journal.fold import folded
 from tca_tools.journal.journals import open_log
-from tca_tools.schedule.build import AgentSchedule, schedules
+from tca_tools.schedule.build import schedules
 from tca_tools.schedule.svg import svg_text
 
 WHICH = "best: box B is free; changed: it is covered on the way; plain: it is covered, and nothing is done ahead"
@@ -52,7 +53,7 @@ def _show(options: argparse.Namespace) -> int:
     if options.seed is not None:
         lid = lid_of(options.seed)
         chosen = {f"seed-{options.seed}": ShownDelivery(f"with a preview, box B {lid}", lid)}
-    drawn: list[AgentSchedule] = []
+    drawn: list[Chart] = []
     for name, delivery in chosen.items():
         folder = options.out / name
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,10 @@
 """An SVG picture in other formats. Knows nothing of what it shows."""
 
 import re
+from pathlib import Path
 
 from tca_tools.errors import NoPicture
+from tca_tools.output import write_output
 from tca_wire.text.missing import missing_package
 
 _MOST_PIXELS = 40_000_000
@@ -23,6 +25,12 @@ def converted(svg: str, kind: str) -> bytes:
         return bytes(vl_convert.svg_to_png(svg, scale=scale))
     except ValueError as error:
         raise NoPicture(f"the picture can't be made: {' '.join(str(error).split())}") from None
+
+
+def write_svg(path: Path, svg: str) -> None:
+    """Write the picture *svg* as the kind of file that the name asks for. Raises ToolError."""
+    kind = path.suffix[1:]
+    write_output(path, svg if kind == "svg" else converted(svg, kind))
 
 
 def _pixels(svg: str) -> float:

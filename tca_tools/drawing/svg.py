@@ -6,6 +6,8 @@ from html import escape
 from tca_tools.terminal import columns_of
 from tca_wire.text.printable import printable
 
+UNTOUCHED = ' pointer-events="none"'
+"""For what lies over a shape whose title is wanted at the mouse."""
 STYLE = """\
 text { font: 12px Helvetica, Arial, "Liberation Sans", sans-serif; fill: #1f2933; }
 .title { font-size: 15px; font-weight: bold; } .faint { fill: #52606d; font-size: 11px; } .tick { text-anchor: middle; }
@@ -39,22 +41,30 @@ _WIDTH_OF = {letter: width for letters, width in _WIDTHS.items() for letter in l
 def document(width: float, height: float, title: str, style: str, body: Iterable[str]) -> str:
     """A whole picture."""
     size = f'width="{width:.0f}" height="{height:.0f}"'
-    return "\n".join(
-        [
-            f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {width:.0f} {height:.0f}">',
-            f"<title>{text(title)}</title>",
-            f"<style>{STYLE}{style}</style>",
-            f'<rect {size} fill="#ffffff"/>',
-            *body,
-            "</svg>\n",
-        ]
-    )
+    head = f"""\
+<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {width:.0f} {height:.0f}">
+<title>{text(title)}</title>
+<style>{STYLE}{style}</style>
+<rect {size} fill="#ffffff"/>"""
+    return "\n".join([head, *body, "</svg>\n"])
 
 
 def rectangle(look: str, left: float, top: float, right: float, height: float, title: str = "") -> str:
     """A rectangle with its title; *right* may be no more than *left*, but it stays visible then."""
     place = f'x="{left:.2f}" y="{top:.1f}" width="{max(right - left, 0.05):.2f}" height="{height:.1f}"'
-    return f"<rect {look} {place}><title>{lines(title)}</title></rect>" if title else f"<rect {look} {place}/>"
+    if title:
+        return f"<rect {look} {place}><title>{lines(title)}</title></rect>"
+    return f"<rect {look} {place}/>"
+
+
+def words(look: str, x: float, y: float, said: str, more: str = "") -> str:
+    """A text of the class *look*; *more*: other attributes."""
+    return f'<text class="{look}" x="{x:.2f}" y="{y:.1f}"{more}>{text(said)}</text>'
+
+
+def line(look: str, x: float, y: float, right: float, bottom: float) -> str:
+    """A straight line of the class *look*."""
+    return f'<line class="{look}" x1="{x:.2f}" y1="{y:.1f}" x2="{right:.2f}" y2="{bottom:.1f}"/>'
 
 
 def text(words: str) -> str:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
-from tca_tools.drawing.pictures import converted
+from tca_tools.drawing.pictures import write_svg
 from tca_tools.gantt.build import chart
-from tca_tools.gantt.cells import ASCII, UNICODE
+from tca_tools.gantt.cells import blocks_for, width_for
 from tca_tools.gantt.chart import Chart
 from tca_tools.gantt.svg import page_text, svg_text
 from tca_tools.gantt.text import chart_lines
@@ -18,13 +18,11 @@ from tca_tools.journal.selection import check_modules, messages_of, one_task, su
 from tca_tools.journal.whole_run import Run
 from tca_tools.options import Asked, check_output, check_span, output_option, shared_options
 from tca_tools.output import show_text, write_output
-from tca_tools.terminal import can_show, cut, line_width
+from tca_tools.terminal import cut
 from tca_wire.points import Moment
 from tca_wire.text.printable import printable
 
 _KINDS = (".svg", ".png", ".pdf", ".html", ".txt")
-_WIDTH = 120
-"""Columns where nobody knows how wide the terminal is."""
 
 
 @click.command()
@@ -45,23 +43,23 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
     check_span(asked.start, history.time if asked.end is None else asked.end)
     with no_garbage():
         drawing = chart(history, asked.start, asked.end, _picked(history, asked, story))
-    blocks = ASCII if as_ascii or (output is None and not can_show("".join(UNICODE.values()))) else UNICODE
-    title = _title(journal.name, drawing, asked.task, story, is_live=history.is_live and drawing.end >= history.time)
-    width = _WIDTH if output else line_width() or _WIDTH
+    title = _title(journal.name, drawing, asked.task, story)
+    title += " (still running)" * (history.is_live and drawing.end >= history.time)
     if output is None or output.suffix == ".txt":
+        width, blocks = width_for(output), blocks_for(output, as_ascii=as_ascii)
         show_text("\n".join([cut(title, width), *chart_lines(drawing, width, blocks)]), output)
     elif output.suffix == ".html":
         write_output(output, page_text(drawing, title))
     else:
-        svg = svg_text(drawing, title)
-        write_output(output, svg if output.suffix == ".svg" else converted(svg, output.suffix[1:]))
+        write_svg(output, svg_text(drawing, title))
     journal.check()
 
 
-def _title(name: str, drawing: Chart, task: str | None, story: str | None, *, is_live: bool) -> str:
-    what = f", task {printable(task)}" if task is not None else f", story of {printable(story)}" if story else ""
-    still = " (still running)" * is_live
-    return f"{printable(name)}{what}: {drawing.start:.2f} to {drawing.end:.2f} s{still}"
+def _title(name: str, drawing: Chart, task: str | None, story: str | None) -> str:
+    what = f", story of {printable(story)}" if story else ""
+    if task is not None:
+        what = f", task {printable(task)}"
+    return f"{printable(name)}{what}: {drawing.start:.2f} to {drawing.end:.2f} s"
 
 
 def _picked(run: Run, asked: Asked, story: str | None) -> Pick:
@@ -71,7 +69,8 @@ def _picked(run: Run, asked: Asked, story: str | None) -> Pick:
     if story:
         one = one_task(run, story)
         wanted = messages_of(run, subtree(run, [one]))
-        return Pick(rows, wanted, waited_for(run, one, wanted), wanted, *_life(run, run.tasks[one]))
+        beside, life = waited_for(run, one, wanted), _life(run, run.tasks[one])
+        return Pick(rows, wanted, beside, wanted, *life)
     if asked.task is not None:
         return Pick(rows, messages_of(run, subtree(run, tasks_called(run, asked.task))))
     return Pick(rows)

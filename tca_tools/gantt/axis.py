@@ -49,7 +49,8 @@ def _step(shortest: float) -> float:
     if shortest <= 0:
         return 0.0
     if shortest > 30:
-        return next((step for step in _MINUTES if step >= shortest), 86400 * ceil(shortest / 86400))
+        days = 86400 * ceil(shortest / 86400)
+        return next((step for step in _MINUTES if step >= shortest), days)
     power = 10.0 ** floor(log10(shortest))
     nice = (factor * power for factor in (1, 2, 5, 10))
     step = next((step for step in nice if step >= shortest * (1 - 1e-9)), 10 * power)
@@ -63,4 +64,6 @@ def _label(time: float, step: float) -> str:
         return f"{time:.{decimals}f} s"
     seconds = round(time)
     hours, minutes = divmod(seconds // 60, 60)
-    return f"{hours}:{minutes:02}:{seconds % 60:02}" if hours else f"{minutes}:{seconds % 60:02}"
+    if hours:
+        return f"{hours}:{minutes:02}:{seconds % 60:02}"
+    return f"{minutes}:{seconds % 60:02}"

@@ -38,8 +38,8 @@ def _block(bars: list[Bar]) -> Bar:
         seconds[bar.name] = seconds.get(bar.name, 0.0) + bar.seconds
     endings = {bar.ending for bar in bars}
     span = bars[0].start, max(bar.end for bar in bars)
-    block = Bar(max(seconds, key=seconds.__getitem__), *span, _title, (), bars[0].kind)
-    block.about = (block,)
+    block = Bar(max(seconds, key=seconds.__getitem__), *span, kind=bars[0].kind)
+    block.told, block.about = _title, (block,)
     block.is_beside = all(bar.is_beside for bar in bars)
     worst = (Ending.FAILED, Ending.COPED, Ending.RESOLVED, Ending.KILLED)
     block.ending = next((one for one in worst if one in endings), Ending.NONE)
@@ -60,7 +60,7 @@ def _title(block: Bar) -> str:
     parts += [f"{len(numbers) - _NAMED} others"] * (len(numbers) > _NAMED)
     killed = sum(bar.ending is Ending.KILLED for bar in block.parts)
     failed = sum(bool(bar.ending) for bar in block.parts) - killed
-    ended = "".join(f"; {number} {how}" for number, how in ((failed, "failed"), (killed, "killed")) if number)
+    ended = f"; {failed} failed" * bool(failed) + f"; {killed} killed" * bool(killed)
     where = f"{from_to(block.start, block.end)}, {percent(share_of(block))} of the time"
     return f"{len(block.parts)} messages {where}: {', '.join(parts)}{ended}"
 

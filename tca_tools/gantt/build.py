@@ -13,9 +13,9 @@ from tca_tools.gantt.chart import Bar, BarKind, Chart, Ending, Mark, ResourceRow
 from tca_tools.gantt.window import ALL, Pick, span_of
 from tca_tools.journal.coordinators import agent_task
 from tca_tools.journal.fates import has_coped, went_on
-from tca_tools.journal.records import HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
+from tca_tools.journal.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
 from tca_tools.journal.whole_run import Run
-from tca_tools.spans import lanes
+from tca_tools.spans import Span
 from tca_wire.life_cycles import Effect
 from tca_wire.text.facts_in_words import place
 from tca_wire.vocabulary import Outcome
@@ -30,87 +30,62 @@ _HELD = (TaskState.HELD, TaskState.PLANNED)
 
 def chart(run: Run, start: float | None = None, end: float | None = None, pick: Pick = ALL) -> Chart:
     """The chart from *start* to *end*, a row for each resource; by default of all that happened."""
-    rows = _Filler(run, pick, start, end).filled()
+    window = (-inf if start is None else start, inf if end is None else end)
+    rows = _Filler(run, pick, window).filled()
     names = dict.fromkeys(message.name for message in run.messages.values())
     names |= dict.fromkeys(bar.name for row in rows.values() for bar in row.bars)
     start, end = span_of(list(rows.values()), run, pick, start, end)
     for row in rows.values():
-        row.handled = _laid_out(row.handled, start, end)
-        row.queued = _laid_out(row.queued, start, end)
-        row.held = _laid_out(row.held, start, end)
+        row.lay_out(start, end)
     modules = list(dict.fromkeys(module for module, _ in rows if module))  # rows of a module stand side by side
-    keys = sorted(rows, key=lambda key: modules.index(key[0]) if key[0] else len(modules) + (key == ("", "")))
-    shown = [rows[key] for key in keys if any(rows[key].bars) or _shows_empty(rows[key], pick)]
-    return Chart(start, end, shown, list(names))
+    places = {module: place for place, module in enumerate([*modules, ""])}
+    keys = sorted(rows, key=lambda key: (places[key[0]], key == ("", "")))
+    shown = (rows[key] for key in keys)
+    return Chart(start, end, [row for row in shown if any(row.bars) or _shows_empty(row, pick)], list(names))
 
 
 def _shows_empty(row: ResourceRow, pick: Pick) -> bool:
     """Whether an empty row is shown: that of a module that only sends has to be asked for."""
-    return pick.messages is None and bool(row.connected) and (row.is_offered or pick.modules is not None)
-
-
-def _laid_out(bars: list[Bar], start: float, end: float) -> list[Bar]:
-    """The bars that show between *start* and *end*, with their lanes."""
-    shown = sorted((bar for bar in bars if bar.start <= end and bar.end >= start), key=attrgetter("start"))
-    chains: dict[int, list[Bar]] = {id(bar.follows): [] for bar in shown if bar.follows}
-    for bar in shown:
-        if (some := chains.get(id(bar.follows or bar))) is not None:
-            some.append(bar)
-    followers = {id(bar) for some in chains.values() for bar in some[1:]}
-    first = [bar for bar in shown if id(bar) not in followers]
-    ends = {id(some[0]): some[-1].end for some in chains.values()}
-    for bar, lane in zip(first, lanes((bar.start, ends.get(id(bar), bar.end)) for bar in first), strict=True):
-        bar.lane = lane
-    for some in chains.values():
-        for bar in some[1:]:
-            bar.lane = some[0].lane
-    return shown
-
-
-def _resources(module: ModuleRecord) -> list[str]:
-    """Its resources; the first shows what the module waits for outside of handlers."""
-    return sorted(module.resources, key=lambda resource: resource not in ("", module.name)) or [""]
+    is_wanted = row.is_offered or pick.modules is not None
+    return is_wanted and pick.messages is None and bool(row.connected)
 
 
 class _Filler:
     """Puts bars into rows."""
 
-    def __init__(self, run: Run, pick: Pick, start: float | None, end: float | None) -> None:
+    def __init__(self, run: Run, pick: Pick, window: Span) -> None:
         self.run = run
         self.pick = pick
-        self.start = -inf if start is None else start
-        self.end = inf if end is None else end
+        self.start, self.end = window
         self.rows: dict[tuple[str, str], ResourceRow] = {}
 
     def filled(self) -> dict[tuple[str, str], ResourceRow]:
         """The rows, with the bars of everything that is asked for and shows."""
-        run, modules = self.run, [one for one in self.run.modules.values() if self.pick.row(one.name)]
+        run = self.run
+        modules = [one for one in run.modules.values() if self.pick.row(one.name)]
         for module in modules:
-            for resource in _resources(module):
-                row = self._row(module.name, resource)
-                row.connected = [(start, self._until(end)) for start, end in module.joined]
-                row.is_offered = bool(module.resources)
-        for handling in filter(self._wants, self._showing(run.handlings)):
+            self._add_module(module)
+        for handling in self._wanted(run.handlings):
             self._row(handling.module, handling.resource).handled.append(self._handled(handling))
         for module in modules:  # what it waits for outside of handlers
             waits = (wait for wait in self._showing(_lasting(module.waits)) if self.pick.message(wait.awaited))
-            row = self._row(module.name, _resources(module)[0])
-            row.handled += [self._awaited(module.name, wait) for wait in waits]
-        for queueing in filter(self._wants, self._showing(run.queueings)):
-            number = queueing.message_id
-            span = run.name(number), queueing.start, queueing.end
-            bar = self._bar(BarKind.QUEUED, *span, titles.queued, queueing, of=number)
-            bar.marks = self._marks(number, bar)
-            self._row(queueing.module, queueing.resource).queued.append(bar)
+            awaited = [self._awaited(module.name, wait) for wait in waits]
+            self._row(module.name, _resources(module)[0]).handled += awaited
+        for queueing in self._wanted(run.queueings):
+            self._row(queueing.module, queueing.resource).queued.append(self._queued(queueing))
         for task in run.tasks.values():
             self._add_kept(task)
         for claim in chain.from_iterable(run.grants.values()):
             if self.pick.row(claim.module):
-                kind = BarKind.RESERVED if claim.is_reserved else BarKind.LOCKED
-                start = claim.start if claim.granted is None else claim.granted
-                bar = self._bar(kind, claim.sender, start, claim.end, titles.claimed, claim)
-                self._row(claim.module, claim.resource).claims.append(bar)
+                self._row(claim.module, claim.resource).claims.append(self._claimed(claim))
         return self.rows
+
+    def _add_module(self, module: ModuleRecord) -> None:
+        """Its rows, as long as they are empty."""
+        for resource in _resources(module):
+            row = self._row(module.name, resource)
+            row.connected = [(start, self.run.time if end is None else end) for start, end in module.joined]
+            row.is_offered = bool(module.resources)
 
     def _row(self, module: str, resource: str) -> ResourceRow:
         key = (module, resource)
@@ -118,34 +93,37 @@ class _Filler:
             self.rows[key] = ResourceRow(place(*key) if module else resource or NO_HANDLER, is_nobodys=not module)
         return self.rows[key]
 
-    def _wants(self, one: Handling | Queueing) -> bool:
-        return self.pick.row(one.module) and self.pick.message(one.message_id)
+    def _wanted(self, some: Iterable[Any]) -> Iterator[Any]:
+        """Those of some handlings or queueings that are asked for."""
+        for one in self._showing(some):
+            if self.pick.row(one.module) and self.pick.message(one.message_id):
+                yield one
 
     def _showing(self, spans: Iterable[Any]) -> Iterator[Any]:
         """Those of some spans that lie between start and end."""
-        return (one for one in spans if one.start <= self.end and (one.end is None or one.end >= self.start))
+        for one in spans:
+            if one.start <= self.end and (one.end is None or one.end >= self.start):
+                yield one
 
-    def _until(self, end: float | None) -> float:
-        return self.run.time if end is None else end
+    # --- single bars -------------------------------------------------------------------------------------------------
 
-    def _bar(
-        self, kind: BarKind, name: str, start: float, end: float | None, title: Any, *about: Any, of: int | None = None
-    ) -> Bar:
-        """A bar *of* a message; *title* tells of the run *about* what."""
-        is_beside = of is not None and self.pick.messages is not None and of not in self.pick.messages
-        return Bar(name, start, self._until(end), title, (self.run, *about), kind, end is None, is_beside)
+    def _bar(self, kind: BarKind, name: str, start: float, end: float | None, of: int | None = None) -> Bar:
+        """A bar *of* a message, without its title."""
+        until = self.run.time if end is None else end
+        is_beside = of is not None and not self.pick.is_asked(of)
+        return Bar(name, start, until, kind=kind, is_open=end is None, is_beside=is_beside)
 
     def _handled(self, one: Handling) -> Bar:
-        bar = self._bar(BarKind.HANDLED, one.name, one.start, one.end, titles.handled, one, of=one.message_id)
+        bar = self._bar(BarKind.HANDLED, one.name, one.start, one.end, one.message_id)
+        bar.told, bar.about = titles.handled, (self.run, one)
         if one.outcome is Outcome.FAILED:
             bar.ending = self._failed(one)
         elif one.outcome is Outcome.KILLED:
             bar.ending = Ending.KILLED
         who = titles.described(self.run, one)
-        for wait in _lasting(one.waits):
-            part = self._bar(BarKind.WAITING, one.name, wait.start, wait.end, titles.waits, who, wait)
+        bar.waits = [self._wait(who, one.name, wait) for wait in _lasting(one.waits)]
+        for part in bar.waits:
             part.end = min(part.end, bar.end)
-            bar.waits = [*bar.waits, part]
         bar.marks = self._marks(one.message_id, bar)
         task = self.run.tasks.get(one.message_id)
         if task is not None and (sent := agent_task(self.run, task)) and sent.is_early:
@@ -159,61 +137,93 @@ class _Filler:
             return Ending.RESOLVED
         return Ending.COPED if has_coped(self.run, one) else Ending.FAILED
 
+    def _wait(self, who: str, name: str, wait: HandlerWait, kind: BarKind = BarKind.WAITING) -> Bar:
+        bar = self._bar(kind, name, wait.start, wait.end)
+        bar.told, bar.about = titles.waits, (self.run, who, wait)
+        return bar
+
     def _awaited(self, module: str, wait: HandlerWait) -> Bar:
-        what = (titles.awaited_name(self.run, wait), wait.start, wait.end, titles.waits, module, wait)
-        bar = self._bar(BarKind.AWAITED, *what)
-        bar.waits = [self._bar(BarKind.WAITING, *what)]
+        name = titles.awaited_name(self.run, wait)
+        bar = self._wait(module, name, wait, BarKind.AWAITED)
+        bar.waits = [self._wait(module, name, wait)]
+        return bar
+
+    def _queued(self, one: Queueing) -> Bar:
+        number = one.message_id
+        bar = self._bar(BarKind.QUEUED, self.run.name(number), one.start, one.end, number)
+        bar.told, bar.about = titles.queued, (self.run, one)
+        bar.marks = self._marks(number, bar)
+        return bar
+
+    def _claimed(self, claim: Claim) -> Bar:
+        kind = BarKind.RESERVED if claim.is_reserved else BarKind.LOCKED
+        start = claim.start if claim.granted is None else claim.granted
+        bar = self._bar(kind, claim.sender, start, claim.end)
+        bar.told, bar.about = titles.claimed, (self.run, claim)
         return bar
 
     def _marks(self, number: int, bar: Bar) -> list[Mark]:
         """The failures raised on a task and the requests of its clients, in a bar of it or after the last one."""
-        run, task, failures = self.run, self.run.tasks.get(number), self.run.raised.get(number, ())
+        run, task = self.run, self.run.tasks.get(number)
+        failures = run.raised.get(number, ())
         if task is None or not (failures or task.life):
             return []
-        starts = (one.start for one in (*task.handlings, *task.queueings) if one.start > bar.start)
-        after = min(starts, default=inf)
-        endings = {True: Ending.COPED, False: Ending.FAILED}
-        marks = [
-            Mark(one.time, endings[went_on(run, task, one.time)], titles.raised(run, task, one)) for one in failures
-        ]
-        marks += [
-            Mark(one.time, Ending.NONE, titles.changed(task, one))
-            for one in task.life
-            if one.effect is not Effect.RESULT
-        ]
+        marks = []
+        for one in failures:
+            ending = Ending.COPED if went_on(run, task, one.time) else Ending.FAILED
+            marks.append(Mark(one.time, ending, titles.raised(run, task, one)))
+        changes = (one for one in task.life if one.effect is not Effect.RESULT)
+        marks += [Mark(one.time, Ending.NONE, titles.changed(task, one)) for one in changes]
+        starts = [one.start for one in (*task.handlings, *task.queueings)]
+        after = min((start for start in starts if start > bar.start), default=inf)
         return [one for one in marks if bar.start <= one.time < after]
+
+    # --- what is kept from going on ----------------------------------------------------------------------------------
 
     def _add_kept(self, task: Task) -> None:
         """The spans in which a task was held, where it was or would be handled, or suspended, in a row of their own."""
-        wanted = (TaskState.SUSPENDED, *_HELD) if task.id in self.pick.held else (TaskState.SUSPENDED,)
-        if not any(state in wanted for *_, state in task.spans()) or not self.pick.message(task.id):
+        wanted = [TaskState.SUSPENDED]
+        if task.id in self.pick.held:
+            wanted += _HELD
+        spans = [span for span in task.spans() if span[2] in wanted]
+        if not spans or not self.pick.message(task.id):
             return
-        for start, end, state in task.spans():
-            where = _home(self.run, task, start, end) if state in wanted else None
-            if where is None or not self.pick.row(where[0]):
+        for start, end, state in spans:
+            module, resource = _home(self.run, task, start, end)
+            if not self.pick.row(module):
                 continue
             if state is TaskState.SUSPENDED:
-                span = (start, None if end == inf else end)
-                bar = self._bar(BarKind.SUSPENDED, task.name, *span, titles.suspended, task, *span, of=task.id)
+                bar = self._kept(BarKind.SUSPENDED, task, start, end)
+                bar.told, bar.about = titles.suspended, (self.run, task, start, bar.until)
                 self._row("", SUSPENDED).queued.append(bar)
             else:
-                self._row(*where).held += self._held(task, start, end)
+                self._row(module, resource).held += self._held(task, start, end)
+
+    def _kept(self, kind: BarKind, task: Task, start: float, end: float) -> Bar:
+        return self._bar(kind, task.name, start, None if end == inf else end, task.id)
 
     def _held(self, task: Task, start: float, end: float) -> list[Bar]:
         """A bar for each cause, one after the other in a lane."""
         waits = [wait for wait in told_waits(self.run, task) if start <= wait.start < end]
-        stops = sorted({start, *(wait.start for wait in waits), *(wait.end for wait in waits if wait.end < end)})
+        starts, ends = (wait.start for wait in waits), (wait.end for wait in waits if wait.end < end)
+        stops = sorted({start, *starts, *ends})
         bars: list[Bar] = []
         for since, until in pairwise([*stops, end]):
             if since > self.end or until < self.start:
                 continue
             some = [wait for wait in waits if wait.start <= since < wait.end]
-            span = (since, None if until == inf else until)
-            bar = self._bar(BarKind.HELD, task.name, *span, titles.held, task, *span, some, of=task.id)
-            bar.why = partial(titles.why_held, self.run, "" if bars else f"{task}: ", since, some)
+            bar = self._kept(BarKind.HELD, task, since, until)
+            bar.told, bar.about = titles.held, (self.run, task, since, bar.until, some)
+            who = "" if bars else f"{task}: "
+            bar.why = partial(titles.why_held, self.run, who, since, some)
             bar.follows = bars[0] if bars else None
             bars.append(bar)
         return bars
+
+
+def _resources(module: ModuleRecord) -> list[str]:
+    """Its resources; the first shows what the module waits for outside of handlers."""
+    return sorted(module.resources, key=lambda resource: resource not in ("", module.name)) or [""]
 
 
 def _lasting(waits: Iterable[HandlerWait]) -> Iterator[HandlerWait]:

@@ -2,11 +2,12 @@
 
 from itertools import groupby
 from operator import itemgetter
+from pathlib import Path
 
 import click
 
 from tca_tools.gantt.chart import CONNECTED, Bar, BarKind, Ending
-from tca_tools.terminal import columns_of
+from tca_tools.terminal import can_show, columns_of, line_width
 from tca_wire.coordination import TaskRole
 from tca_wire.text.printable import printable
 
@@ -14,12 +15,25 @@ FAILURES = {Ending.FAILED: ("!", "red"), Ending.COPED: ("~", "yellow"), Ending.R
 MARKS = {**FAILURES, Ending.NONE: ("?", None)}
 END, NEXT_CAUSE, TICK = "end", "next cause", "tick"
 _DRAWN = (
-    BarKind.HANDLED, END, BarKind.WAITING, BarKind.QUEUED, BarKind.SUSPENDED, BarKind.HELD, NEXT_CAUSE,
+    BarKind.HANDLED, END, BarKind.WAITING, BarKind.QUEUED, BarKind.SUSPENDED, BarKind.IDLE, BarKind.HELD, NEXT_CAUSE,
     BarKind.LOCKED, BarKind.RESERVED, TICK, CONNECTED, TaskRole.AHEAD, TaskRole.WASTED,
 )  # fmt: skip
-UNICODE = dict(zip(_DRAWN, "█▉▒░┄·╎╳╱╵─▀▚", strict=True))  # noqa: RUF001 - they look like no letters in a long line
-ASCII = dict(zip(_DRAWN, "#|=.-:|x/'_^%", strict=True))
+UNICODE = dict(zip(_DRAWN, "█▉▒░┄┄·╎╳╱╵─▀▚", strict=True))  # noqa: RUF001 - they look like no letters in a long line
+ASCII = dict(zip(_DRAWN, "#|=.--:|x/'_^%", strict=True))
 """The characters of what is drawn."""
+_WIDTH = 120
+"""Columns where the width of the terminal is unknown."""
+
+
+def blocks_for(output: Path | None, *, as_ascii: bool = False) -> dict[str, str]:
+    """The characters for a file, or for what standard output can show."""
+    can_show_all = output is not None or can_show("".join(UNICODE.values()))
+    return UNICODE if can_show_all and not as_ascii else ASCII
+
+
+def width_for(output: Path | None) -> int:
+    """Columns of the lines of a file, or of the terminal."""
+    return _WIDTH if output else line_width() or _WIDTH
 
 
 class Cells:

@@ -1,12 +1,14 @@
-"""The parts of a chart: rows of bars, and what there is to say about each."""
+"""The parts of a chart: rows of bars, and all there is to say about each."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import chain
 from math import inf
+from operator import attrgetter
 from typing import Any
 
+from tca_tools.spans import Span, lanes
 from tca_tools.terminal import cut
 from tca_wire.coordination import TaskRole
 from tca_wire.text.printable import printable
@@ -21,6 +23,7 @@ class BarKind(StrEnum):
 
     HANDLED = "handling"
     AWAITED = "awaited"  # a module waits for it outside of any handler
+    IDLE = "idle"  # an agent has nothing to do
     WAITING = "waiting"  # a part of a bar: its handler waits
     QUEUED = "queued"
     SUSPENDED = "suspended"
@@ -81,8 +84,8 @@ class Bar:
     name: str
     start: float
     end: float
-    told: Callable[..., str]
-    about: tuple[Any, ...]
+    told: Callable[..., str] = str
+    about: tuple[Any, ...] = ()
     """The function that tells all there is to say about it, and its arguments."""
     kind: BarKind = BarKind.HANDLED
     is_open: bool = False
@@ -114,7 +117,9 @@ class Bar:
     @property
     def ahead(self) -> tuple[float, float] | None:
         """The part that ran ahead of its state."""
-        return (self.start, min(self.end, self.ahead_until)) if self.ahead_until > self.start else None
+        if self.ahead_until <= self.start:
+            return None
+        return self.start, min(self.end, self.ahead_until)
 
     @property
     def preview(self) -> TaskRole:
@@ -124,7 +129,14 @@ class Bar:
     @property
     def seconds(self) -> float:
         """How long it is; of several bars, how long those are together."""
-        return sum(part.seconds for part in self.parts) if self.parts else self.end - self.start
+        if self.parts:
+            return sum(part.seconds for part in self.parts)
+        return self.end - self.start
+
+    @property
+    def until(self) -> float | None:
+        """When it ended; None if it went on when the journal ended."""
+        return None if self.is_open else self.end
 
     @property
     def is_waiting(self) -> bool:
@@ -133,21 +145,25 @@ class Bar:
 
     def words(self, columns: int) -> str:
         """Why it is held, in so many columns; "" if that are too few to say anything."""
-        return cut(printable(self.why()), columns) if self.why and columns >= _FEWEST else ""
+        if self.why is None or columns < _FEWEST:
+            return ""
+        return cut(printable(self.why()), columns)
 
     @property
     def labels(self) -> tuple[str, ...]:
         """The labels that may stand on it, the best first: ``waits for walk``, ``walk``."""
-        told = (f"waits for {self.name}", self.name) if self.kind is BarKind.AWAITED else (self.name, self.brief)
-        return tuple(filter(None, told))
+        if self.kind is BarKind.AWAITED:
+            return f"waits for {self.name}", self.name
+        return tuple(filter(None, (self.name, self.brief)))
 
 
 @dataclass(slots=True)
 class ResourceRow:
-    """One resource, or what is no module's."""
+    """One resource or agent, or what is no module's."""
 
     label: str
-    connected: list[tuple[float, float]] = field(default_factory=list)
+    connected: list[Span] = field(default_factory=list)
+    """When its module was."""
     handled: list[Bar] = field(default_factory=list)
     queued: list[Bar] = field(default_factory=list)
     """Messages that wait for the resource, or are suspended."""
@@ -179,6 +195,13 @@ class ResourceRow:
         """All its bars but locks and reservations."""
         return chain(self.handled, self.queued, self.held)
 
+    def lay_out(self, start: float, end: float) -> None:
+        """Keep the bars that show between two times, and give them lanes."""
+        self.handled, self.queued, self.held = (
+            _in_lanes([bar for bar in bars if bar.start <= end and bar.end >= start])
+            for bars in (self.handled, self.queued, self.held)
+        )
+
 
 @dataclass(slots=True)
 class Chart:
@@ -189,6 +212,9 @@ class Chart:
     rows: list[ResourceRow]
     names: list[str]
     """Messages in the order in which they were first sent, whatever the span: a name's place tells its colour."""
+    title: str = ""
+    notes: Sequence[str] = ()
+    """What stands below the rows."""
 
     def shows(self, start: float, end: float | None = None) -> bool:
         """Whether some of a span is in sight, or a moment."""
@@ -200,12 +226,29 @@ class Chart:
 
     def seen(self) -> set[str]:
         """The keys of ``MEANINGS`` that the legend has to explain."""
-        claims = (one for row in self.rows for one in row.claims if self.shows(one.start, one.end))
-        bars, marks = list(self.bars()), (mark for bar in self.bars() for mark in bar.marks if self.shows(mark.time))
-        seen: set[str] = {bar.kind for bar in (*bars, *claims)} | {bar.ending for bar in bars}
-        seen |= {MARKED[mark.ending] for mark in marks} | {CONNECTED for row in self.rows if row.is_idle}
-        seen |= {bar.preview for bar in bars if bar.ahead}
-        return seen | {BarKind.WAITING for bar in bars if bar.waits}
+        seen: set[str] = {CONNECTED for row in self.rows if row.is_idle}
+        claims = [one for row in self.rows for one in row.claims]
+        seen |= {one.kind for one in claims if self.shows(one.start, one.end)}
+        for bar in self.bars():
+            seen |= {bar.kind, bar.ending}
+            seen |= {MARKED[mark.ending] for mark in bar.marks if self.shows(mark.time)}
+            seen |= {bar.preview} if bar.ahead else set()
+            seen |= {BarKind.WAITING} if bar.waits else set()
+        return seen
+
+
+def _in_lanes(bars: list[Bar]) -> list[Bar]:
+    """The bars in the order of their starts, with their lanes: one for all that follow one bar."""
+    ordered = sorted(bars, key=attrgetter("start"))
+    ends = {id(bar.follows): bar.end for bar in ordered if bar.follows}
+    first = [bar for bar in ordered if not bar.follows]
+    spans = ((bar.start, ends.get(id(bar), bar.end)) for bar in first)
+    for bar, lane in zip(first, lanes(spans), strict=True):
+        bar.lane = lane
+    for bar in ordered:
+        if bar.follows:
+            bar.lane = bar.follows.lane
+    return ordered
 
 
 def lanes_of(bars: list[Bar]) -> int:

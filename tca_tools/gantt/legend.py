@@ -1,9 +1,8 @@
 """The legend of a chart: its colours and hatchings."""
 
 from collections.abc import Iterator
-from html import escape
 
-from tca_tools.drawing.svg import width_of
+from tca_tools.drawing import svg
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.chart import MARKED, MEANINGS, BarKind, Chart, Ending
 from tca_tools.gantt.looks import AHEAD, COLOURS, LONGEST_LABEL, MARGIN, dark
@@ -52,10 +51,11 @@ def meanings(chart: Chart, scale: Scale) -> list[tuple[str, str]]:
     seen, curves = chart.seen(), {id(row) for row in chart.rows if is_curve(row, scale)}
     hatched = {bar.kind for row in chart.rows for bar in row.queued if id(row) not in curves}
     seen -= {BarKind.QUEUED, BarKind.SUSPENDED} - hatched
-    items = [(_LOOKS[key], words) for key, words in MEANINGS.items() if key in seen and key in _LOOKS]
+    items = [(_LOOKS[key], MEANINGS[key]) for key in MEANINGS if key in seen & _LOOKS.keys()]
     items += [(f'fill="{CURVE}"', "how many are queued or suspended")] * bool(curves)
-    flags = (one for one in _FLAGS if not seen.isdisjoint((one[0], MARKED.get(one[0], one[0]))))
-    items += [(f'fill="url(#{flag})"', words) for _, flag, words in flags]
+    for ending, flag, words in _FLAGS:
+        if not seen.isdisjoint((ending, MARKED.get(ending))):
+            items.append((f'fill="url(#{flag})"', words))
     shown = {bar.name for bar in chart.bars()}
     names = [(number, name) for number, name in enumerate(chart.names) if name in shown]
     items += [(f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL)) for number, name in names[:_MOST_NAMES]]
@@ -67,11 +67,11 @@ def legend(items: list[tuple[str, str]], width: float, top: float) -> tuple[list
     lines: list[str] = []
     x, y = MARGIN, top
     for look, words in items:
-        needed = width_of(words) + 36
+        needed = svg.width_of(words) + 36
         if x + needed > width and x > MARGIN:
             x, y = MARGIN, y + _LINE
-        lines.append(f'<rect {look} x="{x:.1f}" y="{y:.1f}" width="14" height="12"/>')
-        lines.append(f'<text x="{x + 20:.1f}" y="{y + 10:.1f}">{escape(words)}</text>')
+        lines.append(svg.rectangle(look, x, y, x + 14, 12))
+        lines.append(svg.words("meaning", x + 20, y + 10, words))
         x += needed
     return lines, y + _LINE + 4
 

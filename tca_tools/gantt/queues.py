@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from tca_tools.drawing.svg import rectangle, width_of
+from tca_tools.drawing.svg import UNTOUCHED, rectangle, width_of, words
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.blocks import queue_lengths
 from tca_tools.gantt.chart import ResourceRow, lanes_of
@@ -30,23 +30,29 @@ def is_curve(row: ResourceRow, scale: Scale) -> bool:
 def queue_height(row: ResourceRow, *, is_curve: bool) -> float:
     """How much room its queue takes."""
     tall = lanes_of(row.queued) * QUEUE_LANE
-    return min(max(tall, _LOWEST), _HIGHEST) if is_curve and lanes_of(row.queued) > 1 else tall
+    if is_curve and lanes_of(row.queued) > 1:
+        return min(max(tall, _LOWEST), _HIGHEST)
+    return tall
 
 
 def curve(row: ResourceRow, scale: Scale, column: float, top: float) -> Iterator[str]:
     """How many wait, as a line of steps; beside the first of the highest, left or right of it, the number, if ever more
     than one does.
     """
-    steps = [one for one in queue_lengths(row.queued, scale.start, column) if one[0] <= scale.end]
+    lengths = queue_lengths(row.queued, scale.start, column)
+    steps = [one for one in lengths if one[0] <= scale.end]
     most, tall = max((number for *_, number in steps), default=1), queue_height(row, is_curve=True)
     for start, end, number in steps:
         height = max((tall - 4) * number / most, 1.0)
         title = f"at most {number} {row.queue_kind} {from_to(start, end)}"
-        yield rectangle(f'fill="{CURVE}"', scale.x(start), top + tall - 2 - height, scale.x(end), height, title)
+        y = top + tall - 2 - height
+        yield rectangle(f'fill="{CURVE}"', scale.x(start), y, scale.x(end), height, title)
     if lanes_of(row.queued) > 1:
-        words = f"up to {most} {row.queue_kind}"
+        said = f"up to {most} {row.queue_kind}"
+        room = width_of(said)
         start, end = next((map(scale.x, span) for *span, number in steps if number == most), (0.0, 0.0))
-        is_before = start > width_of(words) + _BESIDE
-        x = start - _BESIDE if is_before else min(end + _BESIDE, scale.width - width_of(words))
-        kind = "number before" if is_before else "number"
-        yield f'<text class="{kind}" x="{x:.1f}" y="{top + 10:.1f}" pointer-events="none">{words}</text>'
+        if start > room + _BESIDE:
+            yield words("number before", start - _BESIDE, top + 10, said, UNTOUCHED)
+        else:
+            x = min(end + _BESIDE, scale.width - room)
+            yield words("number", x, top + 10, said, UNTOUCHED)

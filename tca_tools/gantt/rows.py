@@ -2,10 +2,10 @@
 
 from bisect import bisect_left
 from collections.abc import Iterator
-from itertools import chain
+from itertools import chain, pairwise
 from operator import attrgetter, itemgetter
 
-from tca_tools.drawing.svg import lines, rectangle, text
+from tca_tools.drawing.svg import UNTOUCHED, line, lines, rectangle, text, words
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.blocks import in_blocks, share_of
 from tca_tools.gantt.chart import Bar, Chart, Ending, ResourceRow, lanes_of
@@ -31,10 +31,11 @@ _FOOT = 5.0
 """Pixels: how high what they get is."""
 _STRIP = 5.5
 """Pixels: how high the mark of what ran ahead of its state is."""
-_FLAG_WIDTH, _FLAG_HEIGHT, _FLAG_ABOVE = 8.0, 7.0, 10.0
+_FLAG_ABOVE = 10.0
 _TOGETHER = 6.0
 """Pixels: failures that are no further from each other share a flag."""
 _START = attrgetter("start")
+_CONNECTED = 'class="connected"'
 
 
 class Painter:
@@ -49,7 +50,7 @@ class Painter:
     def height(self, row: ResourceRow) -> float:
         """How high a row is."""
         held = min(lanes_of(row.held), _MOST_HELD_LANES + 1) * _HELD_LANE
-        return min(row.lanes, _MOST_LANES) * _LANE + queue_height(row, is_curve=id(row) in self._curves) + held
+        return min(row.lanes, _MOST_LANES) * _LANE + self._queue_height(row) + held
 
     def label(self, row: ResourceRow, right: float, top: float) -> str:
         """The row's name; of a long one the whole at the mouse."""
@@ -59,17 +60,19 @@ class Painter:
 
     def band(self, row: ResourceRow, top: float) -> Iterator[str]:
         """When its module was connected, and when somebody had the resource for himself."""
-        scale, height = self._scale, self.height(row)
+        x, height = self._scale.x, self.height(row)
         for start, end in row.connected:
             if self._chart.shows(start, end):
-                yield rectangle('class="connected"', scale.x(start), top - 3, scale.x(end), height + 6)
+                yield rectangle(_CONNECTED, x(start), top - 3, x(end), height + 6)
         for one in row.claims:
             if self._chart.shows(one.start, one.end):
-                left, right = scale.x(one.start), max(scale.x(one.end), scale.x(one.start) + _SMALLEST)
-                yield rectangle(f'class="{one.kind}"', left, top - 5, right, height + 10, one.title())
-                free = row.handled[bisect_left(row.handled, one.start, key=_START) :][:1]
-                room = min(right, scale.x(free[0].start)) if free else right
-                yield from self._words(f"{one.kind} by {one.name}", "in", left, room, top + _LANE / 2 + 4)
+                left, look = x(one.start), f'class="{one.kind}"'
+                right = max(x(one.end), left + _SMALLEST)
+                yield rectangle(look, left, top - 5, right, height + 10, one.title())
+                free = row.handled[bisect_left(row.handled, one.start, key=_START) :]
+                room = min([right, *(x(bar.start) for bar in free[:1])])
+                owner = f"{one.kind} by {one.name}"
+                yield from self._words(owner, "in", (left, room), top + _LANE / 2 + 4)
 
     def bars(self, row: ResourceRow, top: float) -> Iterator[str]:
         """Its bars, what waits below them, and flags above."""
@@ -83,8 +86,12 @@ class Painter:
             yield from self._queue(row.queued, below)
             yield from self._marks(row.queued, below, QUEUE_LANE, MOST_QUEUE_LANES)
         yield from self._marks(row.handled, top, _LANE, _MOST_LANES)
-        yield from self._held(row, below + queue_height(row, is_curve=id(row) in self._curves))
-        yield from self._flags(row, top)
+        yield from self._held(row, below + self._queue_height(row))
+        for ending in (Ending.RESOLVED, Ending.COPED, Ending.FAILED):  # red flags lie over others
+            yield from self._flags(row, ending, top - _FLAG_ABOVE)
+
+    def _queue_height(self, row: ResourceRow) -> float:
+        return queue_height(row, is_curve=id(row) in self._curves)
 
     def _in_blocks(self, bars: list[Bar]) -> Iterator[Bar]:
         """The shapes to draw: blocks first, below the others."""
@@ -102,15 +109,14 @@ class Painter:
         for bar in self._in_blocks(row.held):
             if bar.lane < _MOST_HELD_LANES:
                 (left, right), y = self._ends(bar), top + bar.lane * _HELD_LANE + 1
-                look = (
-                    f'fill="#ffffff" stroke="{dark(self._numbers[bar.name])}" stroke-width="1" stroke-dasharray="4 3"'
-                )
-                yield rectangle(look + _paled(bar), left, y, right, _HELD_LANE - 3, bar.title())
-                if words := bar.words(int((right - left - 8) / CHARACTER)):
-                    yield from self._words(words, "in", left, right, y + _HELD_LANE - 6)
+                look = f'fill="#ffffff" stroke="{dark(self._numbers[bar.name])}" stroke-width="1" '
+                look += f'stroke-dasharray="4 3"{_paled(bar)}'
+                yield rectangle(look, left, y, right, _HELD_LANE - 3, bar.title())
+                if why := bar.words(int((right - left - 8) / CHARACTER)):
+                    yield from self._words(why, "in", (left, right), y + _HELD_LANE - 6)
         if (more := lanes_of(row.held) - _MOST_HELD_LANES) > 0:
             y = top + (_MOST_HELD_LANES + 1) * _HELD_LANE - 5
-            yield f'<text class="faint" x="3" y="{y:.1f}" pointer-events="none">and up to {more} more are held</text>'
+            yield words("faint", 3, y, f"and up to {more} more are held", UNTOUCHED)
 
     def _marks(self, bars: list[Bar], top: float, lane: float, most: int) -> Iterator[str]:
         """The marks of bars: strokes that are higher than these."""
@@ -121,94 +127,104 @@ class Painter:
                 place = number, round(x / self._scale.finest)
                 if place not in drawn:
                     drawn.add(place)
-                    look, y = f'fill="{COLOURS[mark.ending]}"', top + number * lane
-                    yield rectangle(look, x - _STROKE / 2, y - 1, x + _STROKE / 2, lane + 1, mark.title)
+                    look, y, left = f'fill="{COLOURS[mark.ending]}"', top + number * lane, x - _STROKE / 2
+                    yield rectangle(look, left, y - 1, left + _STROKE, lane + 1, mark.title)
 
     def _queue(self, bars: list[Bar], top: float) -> Iterator[str]:
         for bar in self._in_blocks(bars):
             number, (left, right) = self._numbers[bar.name], self._ends(bar)
             look = f'fill="url(#{bar.kind}{number})" stroke="{dark(number)}" stroke-width="0.6"{_paled(bar)}'
-            yield rectangle(look, left, top + bar.lane * QUEUE_LANE + 1, right, QUEUE_LANE - 2, bar.title())
+            y = top + bar.lane * QUEUE_LANE + 1
+            yield rectangle(look, left, y, right, QUEUE_LANE - 2, bar.title())
 
     def _block(self, block: Bar, y: float) -> Iterator[str]:
         left, right = self._ends(block)
         colour = (light if block.is_waiting else dark)(self._numbers[block.name])
-        shade = (_PALEST + (1 - _PALEST) * share_of(block)) * (0.4 if block.is_beside else 1.0)
-        yield rectangle(f'fill="{colour}" fill-opacity="{shade:.2f}"', left, y, right, _BAR, block.title())
+        shade = _PALEST + (1 - _PALEST) * share_of(block)
+        if block.is_beside:
+            shade *= 0.4
+        look = f'fill="{colour}" fill-opacity="{shade:.2f}"'
+        yield rectangle(look, left, y, right, _BAR, block.title())
         yield from self._ending(block, left, right, y)
 
     def _handled(self, bar: Bar, y: float) -> Iterator[str]:
         scale, (left, right), paled = self._scale, self._ends(bar), _paled(bar)
         strong, pale = (shade(self._numbers[bar.name]) for shade in (dark, light))
         gap = 0.8 * scale.finest if right - left > 4 and not bar.is_open else 0.0  # to tell neighbours apart
-        colour = pale if bar.is_waiting and right - left <= _SMALLEST * scale.finest else strong
-        seen = f' stroke="{colour}" stroke-width="0.8"' if right - left < _SMALLEST else ""
-        yield rectangle(f'fill="{colour}"{seen}{paled}', left, y, right - gap, _BAR, bar.title())
+        smallest = _SMALLEST * scale.finest
+        colour = pale if bar.is_waiting and right - left <= smallest else strong
+        look = f'fill="{colour}"'
+        if right - left < _SMALLEST:
+            look += f' stroke="{colour}" stroke-width="0.8"'
+        yield rectangle(look + paled, left, y, right - gap, _BAR, bar.title())
         waits = [(max(scale.x(wait.start), left), min(scale.x(wait.end), right)) for wait in bar.waits]
         for (start, end), wait in zip(waits, bar.waits, strict=True):
-            if end - start > _SMALLEST * scale.finest:
+            if end - start > smallest:
                 look = f'fill="{pale}" stroke="{strong}" stroke-width="0.6"{paled}'
                 yield rectangle(look, start, y, end, _BAR, wait.title())
         if bar.ahead:
             until = min(max(scale.x(bar.ahead[1]), left + scale.finest), right)
-            yield rectangle(f'class="{bar.preview}" pointer-events="none"', left, y, until, _STRIP)
+            yield rectangle(f'class="{bar.preview}"' + UNTOUCHED, left, y, until, _STRIP)
         if bar.is_open and bar.end <= scale.end:
             colour = pale if waits and waits[-1][1] >= right else strong
             yield f'<path fill="{colour}" d="M{right:.1f} {y:.1f} l7 {_BAR / 2:.1f} l-7 {_BAR / 2:.1f} z"/>'
         if bar.ending is not Ending.KILLED or bar.end <= scale.end:
             yield from self._ending(bar, left, right, y)
-        # the first label that has room in the widest part of the bar; or the last, if that will have room there
-        edges = [left, *chain.from_iterable(sorted(waits)), right]
-        width, start, is_light = max((edges[i + 1] - edges[i], edges[i], i % 2) for i in range(len(edges) - 1))
-        name = next((one for one in bar.labels if _wide(one) < width), "".join(bar.labels[-1:]))
+        yield from self._name(bar, [left, *chain.from_iterable(sorted(waits)), right], y)
+
+    def _name(self, bar: Bar, edges: list[float], y: float) -> Iterator[str]:
+        """The first label that has room in the widest part of the bar; or the last, if that will have room there."""
+        parts = enumerate(pairwise(edges))
+        width, start, is_light = max((b - a, a, number % 2) for number, (a, b) in parts)
+        fitting = [one for one in bar.labels if _wide(one) < width]
+        name = (fitting or [*bar.labels[-1:], ""])[0]
         kind = "in" if is_light or bar.is_beside else "on"
-        yield from self._words(name, kind, start, start + width, y + _BAR / 2 + 4)
+        yield from self._words(name, kind, (start, start + width), y + _BAR / 2 + 4)
 
     def _ending(self, bar: Bar, left: float, right: float, y: float) -> Iterator[str]:
         """A frame around what failed, a dark end of what was killed; a foot of what is too narrow for that."""
         thin = 1.5 * self._scale.finest
         if bar.ending and right - left <= _FRAMED:
-            yield rectangle(f'fill="{COLOURS[bar.ending]}"', left, y + _BAR - _FOOT, max(right, left + thin), _FOOT)
+            look, top = f'fill="{COLOURS[bar.ending]}"', y + _BAR - _FOOT
+            yield rectangle(look, left, top, max(right, left + thin), _FOOT)
         elif bar.ending is Ending.KILLED:
             x = right - thin
-            yield f'<line class="killed" x1="{x:.2f}" y1="{y:.1f}" x2="{x:.2f}" y2="{y + _BAR:.1f}"/>'
+            yield line("killed", x, y, x, y + _BAR)
         elif bar.ending:
             yield rectangle(f'class="{bar.ending}"', left, y, right, _BAR)
 
-    def _words(self, words: str, kind: str, left: float, right: float, y: float) -> Iterator[str]:
+    def _words(self, said: str, kind: str, span: tuple[float, float], y: float) -> Iterator[str]:
         """Words where they have room, or will have it."""
-        depth = self._scale.depth_for(_wide(words), right - left)
-        if depth:
+        left, right = span
+        if depth := self._scale.depth_for(_wide(said), right - left):
             kind += "" if depth == 1 else f" z{depth}"
-            x = left + 4 / depth
             until = f' data-to="{right:.2f}"' if len(self._scale.depths) > 1 else ""  # a page keeps it in sight
-            yield f'<text class="{kind}" x="{x:.2f}" y="{y:.1f}"{until} pointer-events="none">{text(words)}</text>'
+            yield words(kind, left + 4 / depth, y, said, until + UNTOUCHED)
 
-    def _flags(self, row: ResourceRow, top: float) -> Iterator[str]:
-        """Flags where something failed, for its bar may be too narrow to be seen: red ones over others."""
-        for ending in (Ending.RESOLVED, Ending.COPED, Ending.FAILED):
-            found = [(bar.end, bar.title()) for bar in row.handled if bar.ending is ending]
-            found += [(one.time, one.title) for bar in row.bars for one in bar.marks if one.ending is ending]
-            flags: list[list[tuple[float, str]]] = []
-            for one in sorted((one for one in found if self._chart.shows(one[0])), key=itemgetter(0)):
-                if flags and one[0] - flags[-1][0][0] <= _TOGETHER * self._scale.pixel:
-                    flags[-1].append(one)
-                else:
-                    flags.append([one])
-            for some in flags:
-                (first, title), (last, _) = some[0], some[-1]
-                x, y = self._scale.x((first + last) / 2), top - _FLAG_ABOVE
-                count = f"{len(some)} failures {from_to(first, last)}, first: " * (len(some) > 1)
-                yield (
-                    f'<path class="flag" fill="{COLOURS[ending]}" d="M{x - _FLAG_WIDTH / 2:.2f} {y:.1f} '
-                    f'h{_FLAG_WIDTH:.0f} l{-_FLAG_WIDTH / 2:.0f} {_FLAG_HEIGHT:.0f} z">'
-                    f"<title>{lines(count + title)}</title></path>"
-                )
+    def _flags(self, row: ResourceRow, ending: Ending, y: float) -> Iterator[str]:
+        """Flags where something failed, for its bar may be too narrow to be seen."""
+        found = [(bar.end, bar.title()) for bar in row.handled if bar.ending is ending]
+        marks = [mark for bar in row.bars for mark in bar.marks]
+        found += [(one.time, one.title) for one in marks if one.ending is ending]
+        flags: list[list[tuple[float, str]]] = []
+        shown = [one for one in found if self._chart.shows(one[0])]
+        for one in sorted(shown, key=itemgetter(0)):
+            if flags and one[0] - flags[-1][0][0] <= _TOGETHER * self._scale.pixel:
+                flags[-1].append(one)
+            else:
+                flags.append([one])
+        for some in flags:
+            (first, title), (last, _) = some[0], some[-1]
+            if len(some) > 1:
+                title = f"{len(some)} failures {from_to(first, last)}, first: {title}"
+            x = self._scale.x((first + last) / 2)
+            look = f'class="flag" fill="{COLOURS[ending]}" d="M{x - 4:.2f} {y:.1f} h8 l-4 7 z"'
+            yield f"<path {look}><title>{lines(title)}</title></path>"
 
 
-def _wide(words: str) -> float:
+def _wide(said: str) -> float:
     """How much room words need."""
-    return columns_of(words) * CHARACTER + 6
+    return columns_of(said) * CHARACTER + 6
 
 
 def _paled(bar: Bar) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from statistics import median
 
 from tca_tools.drawing.page import wide_page
-from tca_tools.drawing.svg import document, text, width_of
+from tca_tools.drawing.svg import document, line, width_of, words
 from tca_tools.gantt.axis import Scale, ticks
 from tca_tools.gantt.chart import Chart
 from tca_tools.gantt.legend import legend, meanings, patterns
@@ -19,7 +19,7 @@ _ROW_GAP, _AXIS, _TITLE = 14.0, 26.0, 22.0
 _TICK_DISTANCE = 90.0
 _DEPTHS = (1, 4, 16)
 """A page can be zoomed: what only shows when it is that much wider is in it from the beginning."""
-_MOST_SHAPES = {16: 20_000, 4: 80_000}
+_MOST_SHAPES = {4: 80_000, 16: 20_000}
 """How many bars a page may have to show so much detail: it must not be too large for a browser."""
 _WINDOW = 1200.0
 """A width that most windows have."""
@@ -62,7 +62,8 @@ def page_text(chart: Chart, title: str) -> str:
     pieces = pieces_of(chart, title, can_zoom=True, widest=_PAGE)
     left = MARGIN + pieces.label_width
     head = _svg(pieces.head_width, pieces.head_height, f"<style>{STYLE}</style>{pieces.head}")
-    labels = _svg(left, pieces.height, f'<g transform="translate({MARGIN:.0f} 0)">{pieces.labels}</g>')
+    shifted = f'<g transform="translate({MARGIN:.0f} 0)">{pieces.labels}</g>'
+    labels = _svg(left, pieces.height, shifted)
     return wide_page(title, head, labels, _svg(pieces.plot_width, pieces.height, pieces.plot))
 
 
@@ -76,7 +77,8 @@ def pieces_of(chart: Chart, title: str, *, can_zoom: bool = False, widest: float
     width = min(_plot_width(chart), widest)
     label_width = max((label_room(row) for row in chart.rows), default=0.0) + 12
     bars_at_all = sum(len(row.handled) + len(row.queued) for row in chart.rows)
-    depths = tuple(depth for depth in _DEPTHS if depth == 1 or (can_zoom and bars_at_all <= _MOST_SHAPES[depth]))
+    zooms = [depth for depth, most in _MOST_SHAPES.items() if can_zoom and bars_at_all <= most]
+    depths = (1, *zooms)
     scale = Scale(width, chart.start, chart.end, depths)
     painter = Painter(chart, scale)
     labels: list[str] = []
@@ -91,12 +93,15 @@ def pieces_of(chart: Chart, title: str, *, can_zoom: bool = False, widest: float
     meant = meanings(chart, scale)
     head_width = _WINDOW if can_zoom else MARGIN * 2 + label_width + width
     head, head_height = _head(chart, meant, title, head_width)
-    plot = [patterns(chart), *bands, *_grid(scale, bottom, _DEPTHS if can_zoom else _DEPTHS[:1]), *bars]
-    return Pieces(head, meant, head_width, head_height, "\n".join(labels), label_width, "\n".join(plot), width, bottom)
+    grid = _grid(scale, bottom, _DEPTHS if can_zoom else _DEPTHS[:1])
+    plot = "\n".join([patterns(chart), *bands, *grid, *bars])
+    names = "\n".join(labels)
+    return Pieces(head, meant, head_width, head_height, names, label_width, plot, width, bottom)
 
 
 def _plot_width(chart: Chart) -> float:
-    lengths = [bar.end - bar.start for row in chart.rows for bar in row.handled if bar.end > bar.start]
+    handled = [bar for row in chart.rows for bar in row.handled]
+    lengths = [bar.end - bar.start for bar in handled if bar.end > bar.start]
     if not lengths:
         return _NARROWEST
     wanted = _USUAL_BAR * (chart.end - chart.start) / median(lengths)
@@ -106,7 +111,7 @@ def _plot_width(chart: Chart) -> float:
 def _head(chart: Chart, meant: list[tuple[str, str]], title: str, width: float) -> tuple[str, float]:
     """Title and legend, and how high they are."""
     lines, bottom = legend(meant, width, MARGIN + _TITLE)
-    heading = f'<text class="title" x="{MARGIN:.0f}" y="{MARGIN + 6:.0f}">{text(title)}</text>'
+    heading = words("title", MARGIN, MARGIN + 6, title)
     return "\n".join([patterns(chart, of_names=False), heading, *lines]), bottom
 
 
@@ -118,8 +123,8 @@ def _grid(scale: Scale, bottom: float, depths: tuple[int, ...]) -> Iterator[str]
                 continue  # a coarser one stands there
             drawn.add(f"{time:.9g}")
             x, kind = scale.x(time), "" if depth == 1 else f" z{depth}"
-            yield f'<line class="grid{kind}" x1="{x:.2f}" y1="18" x2="{x:.2f}" y2="{bottom - 6:.1f}"/>'
-            yield f'<text class="faint tick{kind}{_side(label, x, scale)}" x="{x:.2f}" y="13">{label}</text>'
+            yield line(f"grid{kind}", x, 18, x, bottom - 6)
+            yield words(f"faint tick{kind}{_side(label, x, scale)}", x, 13, label)
 
 
 def _side(label: str, x: float, scale: Scale) -> str:

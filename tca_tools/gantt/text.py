@@ -1,6 +1,6 @@
 """A chart as text: blocks on a time axis, with names where they have room."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import cycle
 
 from tca_tools.gantt.axis import ticks
@@ -19,108 +19,136 @@ _COLOURS = "blue yellow green magenta cyan bright_blue bright_magenta bright_gre
 
 def chart_lines(chart: Chart, width: int, blocks: dict[str, str] = UNICODE) -> Iterator[str]:
     """The chart, line by line, in *width* columns."""
-    labels = [printable(row.label) for row in chart.rows]
-    label_width = min(max(map(columns_of, labels), default=0), _WIDEST_LABEL, width // 2)
-    columns = max(width - label_width - 2, 1)
-    for cells in _axis(chart, columns, blocks):
-        yield f"{' ' * label_width}  {cells.line()}".rstrip()
-    colours = dict(zip(chart.names, cycle(_COLOURS.split()), strict=False))
-    for row, label in zip(chart.rows, labels, strict=True):
-        for number, cells in enumerate(_row_cells(row, chart, columns, blocks, colours)):
-            yield f"{padded('' if number else label, label_width)}  {cells.line()}".rstrip()
+    page = TextPage([chart], width, blocks)
+    columns = page.columns
+    yield from page.lines("", page.axis(ticks(chart.start, chart.end, max(columns // 12, 1))))
+    yield from page.rows(chart)
     yield ""
-    yield from _legend(chart, width, blocks)
+    seen = chart.seen()
+    yield from page.legend({key: meaning for key, meaning in MEANINGS.items() if key in seen})
 
 
-def _legend(chart: Chart, width: int, blocks: dict[str, str]) -> Iterator[str]:
-    """The meanings of the characters, in lines of at most *width* columns."""
-    looks = {kind: character * 2 for kind, character in blocks.items()}
-    looks |= {ending: blocks[BarKind.HANDLED] + character for ending, (character, _) in FAILURES.items()}
-    looks |= {words: MARKS[ending][0] for ending, words in MARKED.items()}
-    seen, line = chart.seen(), ""
-    for word in (f"{looks[key]} {meaning}" for key, meaning in MEANINGS.items() if key in seen and key in looks):
-        if line and len(line) + 2 + len(word) > width:
-            yield line
-            line = ""
-        line += ("  " if line else "") + cut(word, width)
-    yield line
+class TextPage:
+    """Lines on one axis of time: labels at the left, beside them what was when."""
 
+    def __init__(self, charts: list[Chart], width: int, blocks: dict[str, str]) -> None:
+        self._width, self._blocks = width, blocks
+        self._start = min(chart.start for chart in charts)
+        self._end = max(chart.end for chart in charts)
+        labels = [columns_of(printable(row.label)) for chart in charts for row in chart.rows]
+        self._label_width = min(max(labels, default=0), _WIDEST_LABEL, width // 2)
+        self.columns = max(width - self._label_width - 2, 1)
+        self._colours: dict[str, str] = {}
 
-def _axis(chart: Chart, columns: int, blocks: dict[str, str]) -> Iterator[Cells]:
-    words, marks = Cells(chart.start, chart.end, columns), Cells(chart.start, chart.end, columns)
-    taken = -1
-    for time, label in ticks(chart.start, chart.end, max(columns // 12, 1)):
-        at = min(words.column(time), columns - 1)
-        if at > taken and at + len(label) <= columns:
-            words.put(at, list(label), None)
-            marks.put(at, [blocks[TICK]], None)
-            taken = at + len(label)
-    yield from (words, marks)
+    def lines(self, label: str, some: Iterable[Cells]) -> Iterator[str]:
+        """Whole lines; the label stands before the first."""
+        for cells in some:
+            yield f"{padded(label, self._label_width)}  {cells.line()}".rstrip()
+            label = ""
 
+    def axis(self, marks: Iterable[tuple[float, str]], *, is_below: bool = False) -> list[Cells]:
+        """Words at their times, where they have room, and strokes."""
+        words, strokes = self._cells(), self._cells()
+        taken = -1
+        for time, label in marks:
+            at = min(words.column(time), self.columns - 1)
+            first = min(at, self.columns - len(label)) if is_below else at
+            has_room = taken < first <= self.columns - len(label)
+            if has_room:
+                words.put(first, list(label), None)
+                taken = first + len(label)
+            if has_room or is_below:
+                strokes.put(at, [self._blocks[TICK]], None)
+        return [strokes, words] if is_below else [words, strokes]
 
-def _row_cells(
-    row: ResourceRow, chart: Chart, columns: int, blocks: dict[str, str], colours: dict[str, str]
-) -> Iterator[Cells]:
-    handled = [Cells(chart.start, chart.end, columns) for _ in range(min(row.lanes, _MOST_LANES))]
-    for bar in row.handled:
-        paint_handled(handled[min(bar.lane, _MOST_LANES - 1)], bar, blocks, colours[bar.name])
-    for start, end in row.connected if row.is_idle else ():
-        if chart.shows(start, end):
-            handled[0].paint(start, end, blocks[CONNECTED], "", "bright_black")
-    yield from handled
-    queued = [Cells(chart.start, chart.end, columns) for _ in range(lanes_of(row.queued))]
-    if len(queued) > _MOST_QUEUE_LANES:  # how many wait, as numbers where they change
-        kind, column = row.queued[0].kind, (chart.end - chart.start or 1.0) / columns
-        for start, end, number in queue_lengths(row.queued, chart.start, column):
-            queued[0].paint(start, end, blocks[kind], str(number), None)
-        yield queued[0]
-    else:
+    def legend(self, meanings: Mapping[str, str]) -> Iterator[str]:
+        """The meanings of the characters, in lines that fit the page."""
+        looks = {kind: character * 2 for kind, character in self._blocks.items()}
+        looks |= {ending: self._blocks[BarKind.HANDLED] + mark for ending, (mark, _) in FAILURES.items()}
+        looks |= {words: MARKS[ending][0] for ending, words in MARKED.items()}
+        line = ""
+        for word in (f"{looks[key]} {meaning}" for key, meaning in meanings.items() if key in looks):
+            if line and len(line) + 2 + len(word) > self._width:
+                yield line
+                line = ""
+            line += ("  " if line else "") + cut(word, self._width)
+        yield line
+
+    def rows(self, chart: Chart) -> Iterator[str]:
+        """The rows of a chart."""
+        self._colours = dict(zip(chart.names, cycle(_COLOURS.split()), strict=False))
+        for row in chart.rows:
+            cells = self._handled(row, chart) + self._queued(row) + self._held(row)
+            yield from self.lines(printable(row.label), cells + self._claims(row, chart))
+
+    def _cells(self) -> Cells:
+        return Cells(self._start, self._end, self.columns)
+
+    def _handled(self, row: ResourceRow, chart: Chart) -> list[Cells]:
+        lanes = [self._cells() for _ in range(min(row.lanes, _MOST_LANES))]
+        for bar in row.handled:
+            self._paint(lanes[min(bar.lane, _MOST_LANES - 1)], bar)
+        for start, end in row.connected if row.is_idle else ():
+            if chart.shows(start, end):
+                lanes[0].paint(start, end, self._blocks[CONNECTED], "", "bright_black")
+        return lanes
+
+    def _queued(self, row: ResourceRow) -> list[Cells]:
+        lanes = [self._cells() for _ in range(lanes_of(row.queued))]
+        if len(lanes) > _MOST_QUEUE_LANES:  # how many wait, as numbers where they change
+            block = self._blocks[row.queued[0].kind]
+            column = (self._end - self._start or 1.0) / self.columns
+            for start, end, number in queue_lengths(row.queued, self._start, column):
+                lanes[0].paint(start, end, block, str(number), None)
+            return lanes[:1]
         for bar in row.queued:
-            queued[bar.lane].paint(bar.start, bar.end, blocks[bar.kind], bar.name, colours[bar.name])
-            queued[bar.lane].mark(bar)
-        yield from queued
-    yield from _held(row, chart, columns, blocks, colours)
-    claims = [one for one in row.claims if chart.shows(one.start, one.end)]
-    cells = Cells(chart.start, chart.end, columns)
-    for one in claims:
-        cells.paint(one.start, one.end, blocks[one.kind], f"by {one.name}", "red")
-    yield from [cells] * bool(claims)
+            cells, block = lanes[bar.lane], self._blocks[bar.kind]
+            cells.paint(bar.start, bar.end, block, bar.name, self._colours[bar.name])
+            cells.mark(bar)
+        return lanes
 
+    def _held(self, row: ResourceRow) -> list[Cells]:
+        """The held tasks, with what each waits for."""
+        more = lanes_of(row.held) - _MOST_QUEUE_LANES
+        lanes = [self._cells() for _ in range(min(lanes_of(row.held), _MOST_QUEUE_LANES + 1))]
+        for bar in row.held:
+            if bar.lane < _MOST_QUEUE_LANES:
+                cells = lanes[bar.lane]
+                first, behind = cells.span(bar.start, bar.end)
+                words, colour = bar.words(behind - first - 4), self._colours[bar.name]
+                cells.paint(bar.start, bar.end, self._blocks[BarKind.HELD], words, colour)
+                if bar.follows is not None:
+                    cells.characters[first] = self._blocks[NEXT_CAUSE]
+        if more > 0:
+            lanes[-1].put(0, list(cut(f"and up to {more} more are held", self.columns)), None)
+        return lanes
 
-def _held(
-    row: ResourceRow, chart: Chart, columns: int, blocks: dict[str, str], colours: dict[str, str]
-) -> Iterator[Cells]:
-    """The held tasks, with what each waits for."""
-    count = lanes_of(row.held)
-    lanes = [Cells(chart.start, chart.end, columns) for _ in range(min(count, _MOST_QUEUE_LANES + 1))]
-    for bar in row.held:
-        if bar.lane < _MOST_QUEUE_LANES:
-            first, behind = lanes[bar.lane].span(bar.start, bar.end)
-            words = bar.words(behind - first - 4)
-            lanes[bar.lane].paint(bar.start, bar.end, blocks[BarKind.HELD], words, colours[bar.name])
-            if bar.follows is not None:
-                lanes[bar.lane].characters[first] = blocks[NEXT_CAUSE]
-    if count > _MOST_QUEUE_LANES:
-        lanes[-1].put(0, list(cut(f"and up to {count - _MOST_QUEUE_LANES} more are held", columns)), None)
-    yield from lanes
+    def _claims(self, row: ResourceRow, chart: Chart) -> list[Cells]:
+        cells, claims = self._cells(), [one for one in row.claims if chart.shows(one.start, one.end)]
+        for one in claims:
+            cells.paint(one.start, one.end, self._blocks[one.kind], f"by {one.name}", "red")
+        return [cells] * bool(claims)
 
-
-def paint_handled(cells: Cells, bar: Bar, blocks: dict[str, str], colour: str | None) -> None:
-    """A bar, with its parts and its end."""
-    first, behind = cells.span(bar.start, bar.end)
-    line = [blocks[BarKind.HANDLED]] * (behind - first)
-    if bar.ahead:
-        count = max(min(cells.column(bar.ahead[1]) - first, len(line)), 1)
-        line[:count] = [blocks[bar.preview]] * count
-    if len(line) == 1 and bar.is_waiting:
-        line[0] = blocks[BarKind.WAITING]
-    elif len(line) > 1 and not bar.is_open and bar.end <= cells.end:
-        line[-1] = blocks[END]  # a hair's breadth to the next bar
-    for wait in bar.waits:
-        start, end = cells.column(wait.start) - first, min(cells.column(wait.end) - first, len(line))
-        line[max(start, 0) : max(end, 0)] = [blocks[BarKind.WAITING]] * (end - max(start, 0))
-    write_name(line, *bar.labels)
-    if bar.ending in FAILURES:
-        line[-1], colour = FAILURES[bar.ending]
-    cells.put(first, line, colour)
-    cells.mark(bar)
+    def _paint(self, cells: Cells, bar: Bar) -> None:
+        """A bar, with its parts and its end."""
+        blocks, colour = self._blocks, self._colours.get(bar.name, "blue" if bar.ahead else None)
+        if bar.kind is BarKind.IDLE:
+            cells.paint(bar.start, bar.end, blocks[bar.kind], bar.name, "bright_black")
+            return
+        first, behind = cells.span(bar.start, bar.end)
+        line = [blocks[BarKind.HANDLED]] * (behind - first)
+        if bar.ahead:
+            count = max(min(cells.column(bar.ahead[1]) - first, len(line)), 1)
+            line[:count] = [blocks[bar.preview]] * count
+        if len(line) == 1 and bar.is_waiting:
+            line[0] = blocks[BarKind.WAITING]
+        elif len(line) > 1 and not bar.is_open and bar.end <= cells.end:
+            line[-1] = blocks[END]  # a hair's breadth to the next bar
+        for wait in bar.waits:
+            start, end = cells.column(wait.start) - first, min(cells.column(wait.end) - first, len(line))
+            line[max(start, 0) : max(end, 0)] = [blocks[BarKind.WAITING]] * (end - max(start, 0))
+        write_name(line, *bar.labels)
+        if bar.ending in FAILURES:
+            line[-1], colour = FAILURES[bar.ending]
+        cells.put(first, line, colour)
+        cells.mark(bar)

@@ -1,7 +1,5 @@
 """The titles of bars: which message, where, when, for how long. Pure."""
 
-from math import inf
-
 from tca_tools.explain.wait import Wait
 from tca_tools.explain.wait_words import told
 from tca_tools.explain.waits import of_handler_wait
@@ -26,7 +24,8 @@ def handled(run: Run, handling: Handling) -> str:
     """``take steps {2} handled by gait planner from 0.700 s to 1.400 s, 0.700 s``."""
     where = place(handling.module, handling.resource)
     task = run.tasks.get(handling.message_id)
-    ahead = f" ({told})" if task is not None and (told := RunAt(run).tasks[task.id].preview) else ""
+    preview = RunAt(run).tasks[task.id].preview if task is not None else ""
+    ahead = f" ({preview})" if preview else ""
     title = f"{described(run, handling)}{ahead} handled by {where} {_span(run, handling.start, handling.end)}"
     if handling.outcome and handling.outcome is not Outcome.DONE:
         title += f": {handling.outcome}"
@@ -48,7 +47,9 @@ def _with_what(run: Run, handling: Handling) -> str:
 
 def _words_or_data(failure: Failure, data: bytes) -> str:
     """A failure in a line; where nothing was said of it, its data: ``blocked {"at": 3}``."""
-    return first_line(failure) if failure.words else f"{failure} {cut(data_text(data), _LONGEST_DATA)}".rstrip()
+    if failure.words:
+        return first_line(failure)
+    return f"{failure} {cut(data_text(data), _LONGEST_DATA)}".rstrip()
 
 
 def raised(run: Run, task: Task, failure: Raised) -> str:
@@ -79,8 +80,9 @@ def queued(run: Run, queueing: Queueing) -> str:
 
 def suspended(run: Run, task: Task, start: float, end: float | None) -> str:
     """``take steps {2} suspended by user from ...``."""
-    there = (one for one in task.suspensions if one.start <= start < (inf if one.end is None else one.end))
-    by = next((by_whom(one.by) for one in there), "")
+    begun = [one for one in task.suspensions if one.start <= start]
+    there = [one for one in begun if one.end is None or start < one.end]
+    by = by_whom(there[0].by) if there else ""
     return f"{task} suspended{by} {_span(run, start, end)}"
 
 
@@ -97,7 +99,8 @@ def why_held(run: Run, who: str, start: float, waits: list[Wait]) -> str:
 
 def claimed(run: Run, claim: Claim) -> str:
     """``controller locked by scanner from ...``."""
-    where, how = place(claim.module, claim.resource), "reserved" if claim.is_reserved else "locked"
+    where = place(claim.module, claim.resource)
+    how = "reserved" if claim.is_reserved else "locked"
     start = claim.start if claim.granted is None else claim.granted
     why = f": {claim.ended}" if claim.ended else ""
     whose = f" while handling {run.describe(claim.by.message_id)}" if claim.by else ""

@@ -34,9 +34,13 @@ class Pick:
         """Whether a module has rows."""
         return self.modules is None or module in self.modules
 
+    def is_asked(self, number: int) -> bool:
+        """Whether a message is asked for itself."""
+        return self.messages is None or number in self.messages
+
     def message(self, number: int) -> bool:
         """Whether a message has bars."""
-        return self.messages is None or number in self.messages or number in self.beside
+        return self.is_asked(number) or number in self.beside
 
 
 ALL = Pick()
@@ -52,8 +56,9 @@ def span_of(
     start, end = (pick.since if start is None else start), (pick.until if end is None else end)
     bars = [bar for row in rows for bar in row.bars]
     claims = [one for row in rows for one in row.claims] if pick.messages is None else []
-    times = [time for bar in bars for time in (bar.start, bar.end, *(mark.time for mark in bar.marks))]
-    times += [time for one in claims for time in (one.start, *([] if one.is_open else [one.end]))]
+    times = [mark.time for bar in bars for mark in bar.marks]
+    times += [one.start for one in (*bars, *claims)] + [bar.end for bar in bars]
+    times += [one.end for one in claims if not one.is_open]
     first, last = min(times, default=0.0), max(times, default=now)
     room = (last - first) * ROOM
     start = max(first - room, 0.0) if start is None else start

@@ -32,8 +32,9 @@ def lifecycle(what: str, log_path: Path | None, output: Path | None, *, force: b
     check_output(output, KINDS, force=force)
     found = meant(what, log_path)
     if output is None or output.suffix == ".txt":
-        text = "\n\n".join("\n".join(table_lines(one, None if output else line_width())) for one in found)
-        show_text(text, output)
+        width = None if output else line_width()
+        tables = ["\n".join(table_lines(one, width)) for one in found]
+        show_text("\n\n".join(tables), output)
         return
     if len(found) > 1:
         names = ", ".join(one.name for one in found)
@@ -47,7 +48,9 @@ def _picture(life_cycle: LifeCycle, output: Path) -> str | bytes:
         return source
     with made_for(output):
         picture = drawn(source, "svg" if kind == "html" else kind)
-    return zoomed_page(f"life cycle '{life_cycle.name}'", picture.decode()) if kind == "html" else picture
+    if kind == "html":
+        return zoomed_page(f"life cycle '{life_cycle.name}'", picture.decode())
+    return picture
 
 
 if __name__ == "__main__":

@@ -24,7 +24,8 @@ def dot_source(life_cycle: LifeCycle) -> str:
 
 
 def _title(life_cycle: LifeCycle) -> list[str]:
-    parties = [party for party in TAKEN_BY if any(one.by is party for one in life_cycle.transitions)]
+    there = {one.by for one in life_cycle.transitions}
+    parties = [party for party in TAKEN_BY if party in there]
     words = {Party.CLIENT: "dashed, blue", Party.SERVER: "black", Party.BOTH: "violet"}
     return [f"life cycle '{life_cycle.name}'", *(f"{words[party]}: by {TAKEN_BY[party]}" for party in parties)]
 
@@ -53,23 +54,27 @@ def _common(life_cycle: LifeCycle) -> list[Transition]:
     if len(active) < 2:
         return []
     rows = set(life_cycle.transitions)
-    return [one for one in life_cycle.transitions if one.source == active[0] and _of_all(one, active, rows)]
+    of_first = [one for one in life_cycle.transitions if one.source == active[0]]
+    return [one for one in of_first if _of_all(one, active, rows)]
 
 
 def _of_all(one: Transition, active: tuple[str, ...], rows: set[Transition]) -> bool:
     """Whether every active state has this transition, to the same end or back to itself."""
     if one.target in active and one.target != one.source:
         return False
-    to_itself = one.target == one.source
-    return all(
-        Transition(one.name, state, state if to_itself else one.target, one.by, one.effect) in rows for state in active
-    )
+    for state in active:
+        target = state if one.target == one.source else one.target
+        if Transition(one.name, state, target, one.by, one.effect) not in rows:
+            return False
+    return True
 
 
 def _alike(one: Transition, common: Transition) -> bool:
     """Whether the row is one of those that *common* stands for."""
-    ends_alike = one.target == common.target or (one.source, common.source) == (one.target, common.target)
-    return (one.name, one.by, one.effect) == (common.name, common.by, common.effect) and ends_alike
+    if (one.name, one.by, one.effect) != (common.name, common.by, common.effect):
+        return False
+    both_stay = one.source == one.target and common.source == common.target
+    return both_stay or one.target == common.target
 
 
 def _joined(rows: list[Transition]) -> dict[tuple[str, str, Party], list[str]]:

@@ -33,11 +33,13 @@ def _in_file(path: Path) -> list[LifeCycle]:
         names = names_of(path)
     except CannotRun as error:
         raise click.UsageError(str(error)) from None
-    found = [value for value in names.values() if isinstance(value, LifeCycle)]
-    found += [value.life_cycle for value in names.values() if isinstance(value, TaskMessage)]
+    values = list(names.values())
+    found = [value for value in values if isinstance(value, LifeCycle)]
+    found += [value.life_cycle for value in values if isinstance(value, TaskMessage)]
     if not found:
         raise click.UsageError(f"{path} has no life cycle: declare a LifeCycle, goal or command at its top level")
-    return [one for one in dict.fromkeys(found) if one not in BUILT_IN.values()] or list(dict.fromkeys(found))
+    each = list(dict.fromkeys(found))
+    return [one for one in each if one not in BUILT_IN.values()] or each
 
 
 def _of_message(name: str, log_path: Path | None) -> LifeCycle:
@@ -55,4 +57,5 @@ def _of_message(name: str, log_path: Path | None) -> LifeCycle:
 
 
 def _formats(journal: Log) -> Iterator[FormatDefined]:
-    return (fact for entry in journal for fact in entry.facts if isinstance(fact, FormatDefined))
+    for entry in journal:
+        yield from (fact for fact in entry.facts if isinstance(fact, FormatDefined))

@@ -21,9 +21,10 @@ _HEAD = ("state", "transition", "by", "to", "")
 def table_lines(life_cycle: LifeCycle, width: int | None = None) -> list[str]:
     """The table, each line in at most *width* columns."""
     rows = [_HEAD, *_rows(life_cycle)]
-    widths = [max(columns_of(row[column]) for row in rows) for column in range(len(_HEAD))]
-    lines = ["  ".join(map(_filled, row, widths)).rstrip() for row in rows]
-    return [cut(line, width) for line in [f"life cycle '{life_cycle.name}'", *_kinds(life_cycle), "", *lines]]
+    widths = [max(map(columns_of, column)) for column in zip(*rows, strict=True)]
+    lines = [f"life cycle '{life_cycle.name}'", *_kinds(life_cycle), ""]
+    lines += ["  ".join(map(_filled, row, widths)).rstrip() for row in rows]
+    return [cut(line, width) for line in lines]
 
 
 def _kinds(life_cycle: LifeCycle) -> Iterator[str]:

@@ -101,7 +101,9 @@ class Replay(App[None]):
         self._wanted = ""
         self._asked = ""
         self._said = ""
-        self._terminal = sys.__stdin__.fileno() if sys.__stdin__ and sys.__stdin__.isatty() else None
+        self._terminal = None
+        if sys.__stdin__ and sys.__stdin__.isatty():
+            self._terminal = sys.__stdin__.fileno()
 
     def compose(self) -> ComposeResult:
         """The panes."""
@@ -123,12 +125,14 @@ class Replay(App[None]):
 
     def on_resize(self) -> None:
         """There is more room, or less."""
-        self.call_after_refresh(lambda: self.go_to(self.place, self._said))  # what keys have said meanwhile stays
+        # what keys have said meanwhile stays
+        self.call_after_refresh(lambda: self.go_to(self.place, self._said))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool:
         """While something is typed the keys are for that."""
         del parameters
-        return not isinstance(self.focused, Question) or action in ("quit", "stop_asking")
+        is_typing = isinstance(self.focused, Question)
+        return not is_typing or action in ("quit", "stop_asking")
 
     def action_leave(self) -> None:
         """End the replay."""
@@ -144,7 +148,8 @@ class Replay(App[None]):
             self.selected = about
         if self.selected not in at.tasks:
             self.selected = int(at.top[0]) if at.top else 0
-        self.query_one(TreePane).show(rows_at(at, self.selected, self._opened), at, self.selected)
+        rows = rows_at(at, self.selected, self._opened)
+        self.query_one(TreePane).show(rows, at, self.selected)
         self.query_one(StoryPane).show(self.selected, at)
         self.query_one(MessagesPane).show(self.place)
         heading = (
@@ -162,8 +167,8 @@ class Replay(App[None]):
         is named.
         """
         facts = self.recording.events[self.place] if self.recording.events else []
-        about = map(self.recording.about, sorted(facts, key=lambda fact: not isinstance(fact, Failed)))
-        return next(filter(None, about), 0)
+        failed_first = sorted(facts, key=lambda fact: not isinstance(fact, Failed))
+        return next(filter(None, map(self.recording.about, failed_first)), 0)
 
     # --- moving ------------------------------------------------------------------------------------------------------
 
@@ -176,7 +181,8 @@ class Replay(App[None]):
             return
         self._clock += self.direction * self.speed / FRAMES
         place = self.recording.place_of(self._clock)
-        self.is_playing = self.recording.time(0) < self._clock < self.recording.time(self.recording.last)
+        start, end = self.recording.span
+        self.is_playing = start < self._clock < end
         if place != self.place or not self.is_playing:
             self.go_to(place)
 
@@ -188,7 +194,7 @@ class Replay(App[None]):
     def action_play(self) -> None:
         """Let time pass, or hold it; at the end, begin again."""
         self.is_playing = not self.is_playing
-        end, beginning = (self.recording.last, 0) if self.direction > 0 else (0, self.recording.last)
+        beginning, end = (0, self.recording.last)[:: self.direction]
         self.go_to(beginning if self.is_playing and self.place == end else self.place)
         self._clock = self.recording.time(self.place)
 
@@ -238,7 +244,8 @@ class Replay(App[None]):
 
     def action_select(self, step: int) -> None:
         """Choose the task on the next line."""
-        tasks: list[int] = [row.task.id for row in self.query_one(TreePane).rows if row.task]
+        rows = self.query_one(TreePane).rows
+        tasks: list[int] = [row.task.id for row in rows if row.task]
         if tasks:
             place = tasks.index(self.selected) + step if self.selected in tasks else 0
             self._select(tasks[min(max(place, 0), len(tasks) - 1)])
@@ -258,10 +265,12 @@ class Replay(App[None]):
     def action_fold(self) -> None:
         """Open or close the selected task."""
         rows = self.query_one(TreePane).rows
-        number = next((row.number for row in rows if row.task and row.task.id == self.selected), None)
-        if number is not None:
-            self._opened[self.selected] = not any(row.task for row in rows if row.parent == number)
-            self._select(self.selected)
+        for row in rows:
+            if row.task and row.task.id == self.selected:
+                below = [one.task for one in rows if one.parent == row.number]
+                self._opened[self.selected] = not any(below)
+                self._select(self.selected)
+                return
 
     # --- asking ------------------------------------------------------------------------------------------------------
 
@@ -290,10 +299,12 @@ class Replay(App[None]):
         try:
             seconds = float(text.removesuffix("s"))
         except ValueError:
-            self.go_to(self.place, f"'{printable(text)}' is no time: write seconds, as in 12.5")
+            said = f"'{printable(text)}' is no time: write seconds, as in 12.5"
+            self.go_to(self.place, said)
             return
-        end = self.recording.time(self.recording.last)
-        self.go_to(self.recording.place_of(seconds), f"the journal ends at {end:.3f} s" if seconds > end else "")
+        _, end = self.recording.span
+        said = f"the journal ends at {end:.3f} s" if seconds > end else ""
+        self.go_to(self.recording.place_of(seconds), said)
 
     def action_search(self, step: int) -> None:
         """Go to the next task or failure that is looked for; behind the last one, to the first."""
@@ -303,7 +314,8 @@ class Replay(App[None]):
         recording, said = self.recording, ""
         found = recording.search(self._wanted, self.place, step)
         if found is None:
-            found = recording.search(self._wanted, -1 if step > 0 else recording.last + 1, step)
+            start = -1 if step > 0 else recording.last + 1
+            found = recording.search(self._wanted, start, step)
             said = f"found from the {'start' if step > 0 else 'end'} again"
         if found is None:
             self.go_to(self.place, f"no task or failure '{printable(self._wanted)}'")

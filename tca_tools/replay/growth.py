@@ -22,26 +22,31 @@ _FAR = 100
 
 def growth_lines(recording: Recording, start: float, width: int | None) -> Iterator[str]:
     """The lines from a time on: ``+`` for what is sent, then what becomes of it and why it waits."""
-    run, deepest = recording.run, _DEEPEST if width is None else min(max(width - _NARROW, 0) // 2, _DEEPEST)
+    run, deepest = recording.run, _DEEPEST
+    if width is not None:
+        deepest = min(max(width - _NARROW, 0) // 2, _DEEPEST)
     depths = {int(ROOT): -1}
     for number in sorted(run.tasks):  # parents have smaller numbers
         depths[number] = depths[run.tasks[number].parent] + 1
-    changes = [
-        (time, number, order) for number, task in run.tasks.items() for order, (time, _) in enumerate(task.states)
-    ]
+    changes = []
+    for number, task in run.tasks.items():
+        changes += [(time, number, order) for order, (time, _) in enumerate(task.states)]
     for time, number, order in sorted(changes):
         clock = recording.time(recording.place_of_record(time))
         if clock < start:
             continue
-        at = RunAt(run, time)
-        task = at.tasks[number]
+        at, depth = RunAt(run, time), depths[number]
         state = standing(run, run.tasks[number], run.tasks[number].stage(order)[1], time)
-        indent = "  " * depths[number] if depths[number] <= deepest else f"{'  ' * deepest}[{depths[number]}] "
-        start_of_line = f"{clock:10.3f}  {' ' if order else '+'} {indent}"
-        room = None if width is None else max(width - len(start_of_line) - _SHORTEST_STATE, _SHORTEST_NAME)
-        line = cut(f"{start_of_line}{cut(words.called(task), room)}: ", width)
-        note = words.note_of(at, task, within=_FAR)
-        told = note.within(None, at.time)
-        said = told if note.says_state else ", ".join(filter(None, (state, told)))
+        start_of_line = f"{clock:10.3f}  {' ' if order else '+'} {'  ' * min(depth, deepest)}"
+        if depth > deepest:
+            start_of_line += f"[{depth}] "
+        called, note = words.called(at.tasks[number]), words.note_of(at, at.tasks[number], within=_FAR)
+        if width is not None:
+            called = cut(called, max(width - len(start_of_line) - _SHORTEST_STATE, _SHORTEST_NAME))
+        line = cut(f"{start_of_line}{called}: ", width)
+        said = note.within(None, at.time)
+        if not note.says_state:
+            said = ", ".join(filter(None, (state, said)))
         rest = cut(said, None if width is None else width - columns_of(line))
-        yield line + click.style(rest[: len(state)], fg=COLOURS[state]) + rest[len(state) :]
+        state_in_colour = click.style(rest[: len(state)], fg=COLOURS[state])
+        yield line + state_in_colour + rest[len(state) :]

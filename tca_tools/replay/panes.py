@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from itertools import count, islice
+from operator import itemgetter
 
 from rich.table import Table
 from rich.text import Text
@@ -72,8 +73,8 @@ class TreePane(ScrollView, can_focus=False):
     def show(self, rows: list[Row], at: RunAt, selected: int) -> None:
         """Show other rows, and keep the selected one in sight."""
         self.rows, self.at, self.selected = rows, at, selected
-        called = (words.called(row.task) if row.task else words.folded(row) for row in rows)
-        guides = (before for before, _ in prefixes(rows, UNICODE, *_LEVELS))
+        called = [words.called(row.task) if row.task else words.folded(row) for row in rows]
+        guides = [before for before, _ in prefixes(rows, UNICODE, *_LEVELS)]
         self._names = list(zip(guides, called, strict=True))
         widest = max((columns_of(before + name) for before, name in self._names), default=0)
         room = max(int(self.size.width * _SHARE_OF_NAMES), _LEAST_NAME)
@@ -86,17 +87,20 @@ class TreePane(ScrollView, can_focus=False):
 
     def render_line(self, y: int) -> Strip:
         """One line, drawn when it is seen."""
-        width = self.scrollable_content_region.width  # what the scroll bar covers is not seen
+        # what the scroll bar covers is not seen
+        width = self.scrollable_content_region.width
         place = y + int(self.scroll_offset.y)
         line = self._line(place, width) if place < len(self.rows) else Text()
         line.truncate(width, overflow="ellipsis", pad=True)
-        return Strip(line.render(self.app.console), line.cell_len).apply_style(self.rich_style)
+        strip = Strip(line.render(self.app.console), line.cell_len)
+        return strip.apply_style(self.rich_style)
 
     def _line(self, place: int, width: int) -> Text:
         task, (guides, called), at = self.rows[place].task, self._names[place], self.at
         if task is None or at is None:
             return Text(guides + called, "dim")
-        name = Text.assemble((guides, "dim"), (called, "bold reverse" if task.id == self.selected else ""))
+        look = "bold reverse" if task.id == self.selected else ""
+        name = Text.assemble((guides, "dim"), (called, look))
         name.truncate(self._name_width, overflow="ellipsis", pad=True)
         room = max(width - self._name_width - _STATE_WIDTH - 3, _SHORTEST_NOTE)
         told = words.note_of(at, task).within(room, at.time)
@@ -126,7 +130,8 @@ class MessagesPane(Widget):
 
     def render(self) -> Text:
         """As many lines as there is room for."""
-        room, here, end = max(self.size.height, 1), self._place, len(self._recording.events)
+        room, here = max(self.size.height, 1), self._place
+        end = len(self._recording.events)
         above: list[Text] = []
         for place in range(here - 1, -1, -1):
             if len(above) >= room // 3:
@@ -170,15 +175,19 @@ class StoryPane(Vertical):
         log.clear()
         task = at.tasks.get(number)
         if task is None:
-            head.update(Text("no task is selected: up and down choose one, / looks for one", style="dim"))
+            said = "no task is selected: up and down choose one, / looks for one"
+            head.update(Text(said, style="dim"))
             return
-        lines = [Text.assemble((printable(str(task)), "bold"), "  ", (task.standing, colour_of(task.standing)))]
-        lines += [Text(cut(data, _LONGEST_DATA), "dim") for data in [words.data(task)] if data]
-        if task.state not in OVER:  # why it failed or was killed, its story tells
-            lines += [Text(note, "yellow") for note in [words.note(at, task)] if note]
+        state = task.standing, colour_of(task.standing)
+        lines = [Text.assemble((printable(str(task)), "bold"), "  ", state)]
+        if data := words.data(task):
+            lines.append(Text(cut(data, _LONGEST_DATA), "dim"))
+        if task.state not in OVER and (note := words.note(at, task)):  # of what is over its story tells why
+            lines.append(Text(note, "yellow"))
         head.update(Text("\n").join(lines))
         run, table = at.run, Table.grid(padding=(0, 2, 0, 0))
-        sentences = [one for one in story(run, number, at.moment) if one.time <= at.moment]
+        told = story(run, number, at.moment)
+        sentences = [one for one in told if one.time <= at.moment]
         if untold := max(len(sentences) - _LONGEST_STORY, 0):
             more = f"... and {counted(untold, 'sentence')} before: 'tca tree --story {number}' prints all"
             table.add_row("", Text(more, "dim"))
@@ -187,8 +196,8 @@ class StoryPane(Vertical):
             style = "red" if sentence.is_bad else ""
             if style and coped_with(run, run.tasks[number], sentence.time, at.moment):
                 style = _HANDLED
-            told = Text(printable_lines(sentence.by(at.moment, at.time)), style)
-            table.add_row(Text(f"{clock:9.3f}", "dim", no_wrap=True), told)
+            words_of = Text(printable_lines(sentence.by(at.moment, at.time)), style)
+            table.add_row(Text(f"{clock:9.3f}", "dim", no_wrap=True), words_of)
         log.write(table, expand=True)
 
     def scroll_pages(self, pages: int) -> None:
@@ -219,18 +228,18 @@ class TimeBar(Widget):
         self.refresh()
 
     def _column(self, place: int) -> int:
-        recording, last = self._recording, self.size.width - 1
-        start, end = recording.time(0), recording.time(recording.last)
-        return int((recording.time(place) - start) / (end - start) * last) if end > start else last
+        last, time = self.size.width - 1, self._recording.time(place)
+        start, end = self._recording.span
+        return int((time - start) / (end - start) * last) if end > start else last
 
     def render(self) -> Text:
         """The words above, the bar below."""
         width, here = max(self.size.width, 1), self._column(self._place)
         bar = Text("━" * here + "●" + "─" * (width - here - 1), style="cyan")
-        columns = {self._column(place): "" for place in self._recording.failures}
-        columns |= {self._column(place): "red" for place, is_bad in self._recording.failures.items() if is_bad}
-        for column, colour in columns.items():
-            bar.stylize(f"bold {colour or _HANDLED}", column, column + 1)
+        failures = self._recording.failures.items()
+        for place, is_bad in sorted(failures, key=itemgetter(1)):  # red over others
+            column = self._column(place)
+            bar.stylize("bold red" if is_bad else f"bold {_HANDLED}", column, column + 1)
         bar.stylize("bold white", here, here + 1)
         said = Text(self._said, style="bold")
         said.truncate(width, overflow="ellipsis")
@@ -239,7 +248,7 @@ class TimeBar(Widget):
     def on_click(self, event: Click) -> None:
         """Go to the time under the mouse."""
         if offset := event.get_content_offset(self):
-            start, end = self._recording.time(0), self._recording.time(self._recording.last)
+            start, end = self._recording.span
             wanted = start + (end - start) * offset.x / max(self.size.width - 1, 1)
             self.post_message(self.Wanted(self._recording.place_of(wanted)))
 

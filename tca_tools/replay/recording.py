@@ -30,15 +30,16 @@ class Recording:
         """The facts of each event, of one entry or of several of the same number."""
         self.run: Run = History.until(self._kept(entries))
         self.wording = Wording(self.run.name)
-        failed = ((place, one) for place, event in enumerate(self.events) for one in event if isinstance(one, Failed))
         self.failures: dict[int, bool] = {}
         """The places at which something failed, in order; and whether the run did not go on after that, as far as the
         journal tells.
         """
-        for place, fact in failed:
-            self.failures[place] = self.failures.get(place, False) or not self._has_coped(place, fact)
-        ends = (task.time_of(Moment.END_ACHIEVING) for task in self.run.tasks.values())
-        self._ends = sorted(ends)
+        for place, event in enumerate(self.events):
+            if failed := [fact for fact in event if isinstance(fact, Failed)]:
+                coped = [self._has_coped(place, fact) for fact in failed]
+                self.failures[place] = not all(coped)
+        tasks = self.run.tasks.values()
+        self._ends = sorted(task.time_of(Moment.END_ACHIEVING) for task in tasks)
 
     def _kept(self, entries: Iterable[Entry]) -> Iterator[Entry]:
         number = None
@@ -51,20 +52,27 @@ class Recording:
 
     def _has_coped(self, place: int, fact: Failed, known: float = inf) -> bool:
         failed = self.run.delivered(fact.id)
-        return failed is not None and went_on(self.run, failed, self.run.times[place], known)
+        time = self.run.times[place]
+        return failed is not None and went_on(self.run, failed, time, known)
 
     def is_bad_news(self, place: int, fact: Fact, now: int) -> bool | None:
         """Whether a fact is bad news; None: it was, and the run had gone on by the place that is looked at *now*; of
         what comes later, as far as the journal tells.
         """
-        if isinstance(fact, Failed):
-            return None if self._has_coped(place, fact, self.run.times[now] if place <= now else inf) else True
-        return kind_of(fact) in BAD_NEWS
+        if not isinstance(fact, Failed):
+            return kind_of(fact) in BAD_NEWS
+        known = self.run.times[now] if place <= now else inf
+        return None if self._has_coped(place, fact, known) else True
 
     @property
     def last(self) -> int:
         """The last place."""
         return max(len(self.events) - 1, 0)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The first and the last time on the clock."""
+        return self.time(0), self.time(self.last)
 
     def time(self, place: int) -> float:
         """The time on the clock."""
@@ -72,7 +80,9 @@ class Recording:
 
     def at(self, place: int) -> RunAt:
         """The run as known at a place."""
-        return RunAt(self.run, self.run.times[place], self.run.clock[place]) if self.run.times else RunAt(self.run)
+        if not self.run.times:
+            return RunAt(self.run)
+        return RunAt(self.run, self.run.times[place], self.run.clock[place])
 
     def under_way(self, at: RunAt) -> int:
         """How many tasks had been sent and not ended."""
@@ -96,9 +106,11 @@ class Recording:
 
     def about(self, fact: Fact) -> int:
         """The task that a fact is about, or whose question is; 0 if none is."""
-        message = self.run.delivered(subject_of(fact)) if isinstance(fact, Failed) else None
-        asker = message.by.message_id if message and message.by else 0
-        named = (subject_of(fact), asker, getattr(fact, "origin", 0))
+        named = [subject_of(fact), getattr(fact, "origin", 0)]
+        if isinstance(fact, Failed):
+            message = self.run.delivered(subject_of(fact))
+            if message and message.by:
+                named.insert(1, message.by.message_id)
         return next((number for number in named if number in self.run.tasks), 0)
 
     def search(self, text: str, place: int, step: int) -> SearchHit | None:
@@ -107,18 +119,23 @@ class Recording:
         """
         wanted, tasks = text.casefold(), self.run.tasks
         if (number := text.strip("{}")).isdecimal() and int(number) in tasks:
-            return SearchHit(max(place, self.place_of_record(tasks[int(number)].received)), int(number))
-        nearest = [next(found, None) for found in (self._born(wanted, place, step), self._failed(wanted, place, step))]
-        return min(filter(None, nearest), key=lambda one: one.place * step, default=None)
+            born = self.place_of_record(tasks[int(number)].received)
+            return SearchHit(max(place, born), int(number))
+        found = self._born(wanted, place, step), self._failed(wanted, place, step)
+        nearest = filter(None, (next(one, None) for one in found))
+        return min(nearest, key=lambda one: one.place * step, default=None)
 
     def _born(self, wanted: str, place: int, step: int) -> Iterator[SearchHit]:
         """The tasks that are sent after a place, or before it."""
         numbers, births = list(self.run.tasks), self.run.births
         now = -inf if place < 0 else inf if place > self.last else self.run.times[place]
-        order = numbers[bisect_right(births, now) :] if step > 0 else reversed(numbers[: bisect_left(births, now)])
+        order = numbers[bisect_right(births, now) :]
+        if step < 0:
+            order = numbers[: bisect_left(births, now)][::-1]
         for number in order:
             if wanted in self.run.tasks[number].name.casefold():
-                yield SearchHit(self.place_of_record(self.run.tasks[number].received), number)
+                born = self.place_of_record(self.run.tasks[number].received)
+                yield SearchHit(born, number)
 
     def _failed(self, wanted: str, place: int, step: int) -> Iterator[SearchHit]:
         """The failures after a place, or before it."""

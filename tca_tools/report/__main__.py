@@ -48,7 +48,8 @@ def _page(journal: Log) -> str:
     found = contents(history)
     is_plain = journal.name == "journal"  # it is known by the directory that it is in
     name = f"{journal.path.resolve().parent.name}/journal" if is_plain else journal.name
-    return page(name, damage, found, tree(history), gantt(history, found), strips(history, found))
+    pictures = gantt(history, found), strips(history, found)
+    return page(name, damage, found, tree(history), *pictures)
 
 
 if __name__ == "__main__":

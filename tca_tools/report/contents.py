@@ -80,27 +80,30 @@ def contents(run: Run) -> Contents:
     other = None
     if path and longest and longest is not last and path.seconds < handling.seconds / 2:
         other = critical_path(run, causes, longest)
-    told = advice(run, causes, path, overlaps(run, causes), use, kinds, handling.seconds * _WORTH_SAYING, other)
+    least, beside = handling.seconds * _WORTH_SAYING, overlaps(run, causes)
+    told = advice(run, causes, path, beside, use, kinds, least, other)
     shown, shown_too = (_shown(run, one) if one else None for one in (path, other))
-    stories, waits = _stories(run, kinds), long_waits(run, _WAITS)
-    return Contents(handling, kinds, stories, waits, use, shown, shown_too, told, gains(run))
+    found = handling, kinds, _stories(run, kinds), long_waits(run, _WAITS), use
+    return Contents(*found, shown, shown_too, told, gains(run))
 
 
 def _stories(run: Run, kinds: list[FailureKind]) -> dict[int, list[Sentence]]:
     """The stories of the first failing message of each kind, then of others."""
-    firsts = [kind.cases[0].message_id for kind in kinds]
-    others = [case.message_id for kind in kinds[:KINDS] for case in kind.cases[1:_STORIES_EACH]]
-    chosen = [one for one in dict.fromkeys([*firsts, *others]) if one in run.messages][:_STORIES]
-    return {message: story(run, message)[:_SENTENCES] for message in chosen}
+    cases = [kind.cases[0] for kind in kinds]
+    for kind in kinds[:KINDS]:
+        cases += kind.cases[1:_STORIES_EACH]
+    numbers = dict.fromkeys(case.message_id for case in cases)
+    chosen = [number for number in numbers if number in run.messages]
+    return {number: story(run, number)[:_SENTENCES] for number in chosen[:_STORIES]}
 
 
 def _shown(run: Run, path: CriticalPath) -> ShownPath:
     longest = sorted(path.steps, key=lambda step: step.seconds, reverse=True)[:_STEPS]
     kept = sorted(longest, key=lambda step: step.start)
-    before = {True: "before ", False: ""}
-    steps = [
-        (one, before[one.doing is Doing.OUTSIDE] + run.describe(one.message_id), why_then(run, one)) for one in kept
-    ]
+    steps = []
+    for one in kept:
+        before = "before " if one.doing is Doing.OUTSIDE else ""
+        steps.append((one, before + run.describe(one.message_id), why_then(run, one)))
     told = [share for share in shares(run, path) if share.share >= _WORTH_A_LINE]
     left_out = path.seconds - sum(step.seconds for step in kept)
     return ShownPath(path, told, steps, len(path.steps) - len(kept), max(left_out, 0.0))

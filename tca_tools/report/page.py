@@ -9,12 +9,13 @@ from markupsafe import Markup
 
 from tca_tools.analysis.failures import Case
 from tca_tools.analysis.long_waits import KINDS as HEADINGS
+from tca_tools.gantt.looks import STYLE
 from tca_tools.journal.fates import GOOD_FATES, HANDLED, Fate
 from tca_tools.journal.records import TaskState
 from tca_tools.report.contents import CASES, KINDS, Contents
 from tca_tools.report.pictures import Gantt, Strip
-from tca_tools.report.tree import Tree
-from tca_tools.tasktree_viz.words import role
+from tca_tools.report.tree import Tree, spans
+from tca_tools.tasktree_viz import words
 from tca_tools.terminal import cut
 from tca_wire.text.measures import counted, duration, percent, run_time
 from tca_wire.text.printable import first_line, printable
@@ -40,7 +41,8 @@ def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | Non
             verdict=verdict, began=_clock(run.began, run.start), now=now,
             fate_class=lambda fate: _FATES.get(fate, "good" if fate in GOOD_FATES else "bad"),
             kinds_of_waits=HEADINGS, longest_said=_LONGEST_SAID, kinds_shown=KINDS, cases_shown=CASES,
-            whole_texts=_whole_texts, role=role,
+            whole_texts=_whole_texts, role=words.role, note=words.note, folded=words.folded, spans=spans,
+            chart_style=STYLE,
         )
     )  # fmt: skip
 
@@ -51,7 +53,7 @@ def _whole_texts(cases: list[Case]) -> list[tuple[str, list[str]]]:
     for case in cases:
         if cut(first_line(case.text), _LONGEST_SAID) != case.text:
             texts.setdefault(case.text, case.of)
-    return [(of, [line.expandtabs(4) for line in text.splitlines()]) for text, of in texts.items()]
+    return [(of, text.expandtabs(4).splitlines()) for text, of in texts.items()]
 
 
 def _clock(began: float | None, time: float) -> str:

@@ -7,8 +7,7 @@ from typing import NamedTuple
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.chart import Chart
 from tca_tools.gantt.legend import patterns
-from tca_tools.gantt.looks import STYLE
-from tca_tools.gantt.svg import pieces_of
+from tca_tools.gantt.svg import Pieces, pieces_of
 from tca_tools.journal.fates import GOOD_FATES
 from tca_tools.journal.fold import History
 from tca_tools.report.contents import Contents
@@ -28,18 +27,25 @@ _STRIPS, _CELLS = 24, 240
 class Gantt(NamedTuple):
     """A Gantt chart: labels and plot, which stand side by side and are as wide as their letters need."""
 
-    start: float
-    end: float
+    chart: Chart
+    pieces: Pieces
     why: str
     """Why this part is shown, if it is one."""
-    legend: list[tuple[str, str]]
-    """Looks of a ``<rect>``, and what they mean."""
-    style: str
-    labels: str
-    plot: str
-    label_width: int
-    plot_width: int
-    height: int
+
+    @property
+    def plot(self) -> str:
+        """The plot, with room at both its edges."""
+        return f'{patterns(self.chart, of_names=False)}<g transform="translate({_EDGE} 0)">{self.pieces.plot}</g>'
+
+    @property
+    def label_width(self) -> int:
+        """In pixels."""
+        return ceil(self.pieces.label_width)
+
+    @property
+    def plot_width(self) -> int:
+        """In pixels."""
+        return ceil(self.pieces.plot_width) + 2 * _EDGE
 
     @property
     def width(self) -> int:
@@ -66,27 +72,21 @@ def gantt(history: History, found: Contents) -> Gantt | None:
     """The work of every module over the whole run, or in its most telling part; None if nothing was handled."""
     if not history.handlings and not history.queueings:
         return None
-    if len(history.handlings) + len(history.queueings) <= _BARS_AT_MOST:
-        return _drawn(chart(history), "")
-    middle, why = _telling(found)
-    return _drawn(chart(history, *_window(history, middle)), why)
-
-
-def _drawn(drawing: Chart, why: str) -> Gantt:
-    pieces = pieces_of(drawing, "", widest=_WIDEST)
-    labels, plot, height = ceil(pieces.label_width), ceil(pieces.plot_width) + 2 * _EDGE, ceil(pieces.height)
-    drawn = f'{patterns(drawing, of_names=False)}<g transform="translate({_EDGE} 0)">{pieces.plot}</g>'
-    return Gantt(
-        drawing.start, drawing.end, why, pieces.meanings, STYLE, pieces.labels, drawn, labels, plot, height
-    )  # fmt: skip
+    drawing, why = chart(history), ""
+    if len(history.handlings) + len(history.queueings) > _BARS_AT_MOST:
+        middle, why = _telling(found)
+        drawing = chart(history, *_window(history, middle))
+    return Gantt(drawing, pieces_of(drawing, "", widest=_WIDEST), why)
 
 
 def _telling(found: Contents) -> tuple[float, str]:
     """The time to look at, and why."""
-    bad = [case for kind in found.kinds for case in kind.cases if case.fate not in GOOD_FATES]
+    cases = [case for kind in found.kinds for case in kind.cases]
+    bad = [case for case in cases if case.fate not in GOOD_FATES]
     if bad:
         first = min(bad, key=lambda case: case.time)
-        return first.time, f"around the first failure that was not overcome, of {first.of}"
+        why = f"around the first failure that was not overcome, of {first.of}"
+        return first.time, why
     if found.advice and (window := found.advice[0].window):
         return window[0], "around the example of the first advice below"
     return found.summary.start, "where the run begins"
@@ -110,8 +110,13 @@ def strips(history: History, found: Contents) -> list[Strip]:
         runs = history.runs.get(use.key, [])
         if not runs or length <= 0:
             continue
-        cover = Cover((run.start, history.time if run.end is None else run.end) for run in runs)
-        shares = (cover.within(start + n * length, start + (n + 1) * length) / length for n in range(_CELLS))
-        cells = [(n, round(min(share, 1.0), 2)) for n, share in enumerate(shares) if share > 0.004]
+        now = history.time
+        cover = Cover((run.start, now if run.end is None else run.end) for run in runs)
+        cells = []
+        for n in range(_CELLS):
+            since = start + n * length
+            share = cover.within(since, since + length) / length
+            if share > 0.004:
+                cells.append((n, round(min(share, 1.0), 2)))
         made.append(Strip(use.name, cells))
     return made

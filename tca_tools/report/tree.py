@@ -29,10 +29,6 @@ class TreeNode:
     is_open: bool
     closes: int
     """How many levels end before it."""
-    spans: str = ""
-    note: str = ""
-    folded: str = ""
-    """The label of a row that stands for several tasks: "+ 212 tasks achieved"."""
 
     @property
     def task(self) -> TaskAt | None:
@@ -44,6 +40,7 @@ class TreeNode:
 class Tree:
     """The rows of a tree."""
 
+    at: RunAt
     nodes: list[TreeNode]
     closes: int
     """How many levels end after the last."""
@@ -54,21 +51,20 @@ class Tree:
 def tree(run: Run, shown_at_most: int = SHOWN_AT_MOST) -> Tree:
     """The rows: what failed, lives or was killed for a reason of its own, with all that it is under, then others."""
     at = RunAt(run)
-    rows = excerpt(at, outline(at, shown_at_most, min(_BESIDE_AT_MOST, shown_at_most)), 2 * shown_at_most)
+    whole = outline(at, shown_at_most, min(_BESIDE_AT_MOST, shown_at_most))
+    rows = excerpt(at, whole, 2 * shown_at_most)
     opened = set(at.tasks) if len(at.tasks) <= _ALL_OPEN else _with_trouble(at)
     nodes: list[TreeNode] = []
     level = 0
     for row, below in zip(rows, [*rows, None][1:], strict=True):
         depth = min(row.depth, _DEEPEST)
-        is_parent = below is not None and below.parent == row.number and depth < _DEEPEST
-        node = TreeNode(depth, row, is_parent, row.task is not None and row.task.id in opened, level - depth)
-        if row.task is None:
-            node.folded = words.folded(row)
-        else:
-            node.spans, node.note = _spans(row.task), words.note(at, row.task)
-        nodes.append(node)
+        has_below = below is not None and below.parent == row.number
+        is_parent = has_below and depth < _DEEPEST
+        is_open = row.task is not None and row.task.id in opened
+        nodes.append(TreeNode(depth, row, is_parent, is_open, level - depth))
         level = depth + is_parent
-    return Tree(nodes, level, len(at.tasks), sum(row.task is not None for row in rows))
+    shown = sum(row.task is not None for row in rows)
+    return Tree(at, nodes, level, len(at.tasks), shown)
 
 
 def _with_trouble(at: RunAt) -> set[int]:
@@ -81,10 +77,12 @@ def _with_trouble(at: RunAt) -> set[int]:
     return found
 
 
-def _spans(task: TaskAt) -> str:
+def spans(task: TaskAt) -> str:
     """``planning 1.00-1.50, achieving 1.50- s``."""
-    spans = [(interval, words.span(task, interval)) for interval in (Interval.PLANNING, Interval.ACHIEVING)]
-    told = [
-        f"{interval} {span[0]:.2f}-" + ("" if span[1] is None else f"{span[1]:.2f}") for interval, span in spans if span
-    ]
+    told = []
+    for interval in (Interval.PLANNING, Interval.ACHIEVING):
+        if span := words.span(task, interval):
+            start, end = span
+            until = "" if end is None else f"{end:.2f}"
+            told.append(f"{interval} {start:.2f}-{until}")
     return ", ".join(told) + " s" * bool(told)

@@ -4,21 +4,19 @@ from pathlib import Path
 
 import click
 
-from tca_tools.drawing.pictures import converted
+from tca_tools.drawing.pictures import write_svg
 from tca_tools.errors import NotInLog
-from tca_tools.gantt.cells import ASCII, UNICODE
+from tca_tools.gantt.cells import blocks_for, width_for
+from tca_tools.gantt.chart import Chart
 from tca_tools.journal.fold import folded
 from tca_tools.journal.journals import open_log
 from tca_tools.options import check_output, force_option, output_option
-from tca_tools.output import show_text, write_output
-from tca_tools.schedule.build import AgentSchedule, schedules
+from tca_tools.output import show_text
+from tca_tools.schedule.build import schedules
 from tca_tools.schedule.svg import svg_text
 from tca_tools.schedule.text import schedule_lines
-from tca_tools.terminal import can_show, line_width
 
 _KINDS = (".svg", ".png", ".pdf", ".txt")
-_WIDTH = 120
-"""Columns where nobody knows how wide the terminal is."""
 
 
 @click.command()
@@ -32,19 +30,17 @@ def schedule(log_paths: tuple[Path, ...], output: Path | None, *, force: bool) -
     """
     check_output(output, _KINDS, force=force)
     journals = [open_log(path) for path in log_paths]
-    some: list[AgentSchedule] = []
+    some: list[Chart] = []
     for journal in journals:
         found = schedules(folded(journal), journal.name)
         if not found:
             raise NotInLog(f"{journal.path}: no coordinator has begun a task in this run")
         some += found
     if output is None or output.suffix == ".txt":
-        blocks = UNICODE if output or can_show("".join(UNICODE.values())) else ASCII
-        lines = "\n".join(schedule_lines(some, _WIDTH if output else line_width() or _WIDTH, blocks))
-        show_text(lines, output)
+        lines = schedule_lines(some, width_for(output), blocks_for(output))
+        show_text("\n".join(lines), output)
     else:
-        svg = svg_text(some)
-        write_output(output, svg if output.suffix == ".svg" else converted(svg, output.suffix[1:]))
+        write_svg(output, svg_text(some))
     for journal in journals:
         journal.check()
 

@@ -67,7 +67,8 @@ def stats(log_path: Path | None, start: float | None, end: float | None, sort: s
     if as_json:
         click.echo(json_text(_plain(journal.name, measured)))
     else:
-        click.echo("\n".join(stats_lines(printable(journal.name), measured, line_width())))
+        lines = stats_lines(printable(journal.name), measured, line_width())
+        click.echo("\n".join(lines))
     journal.check()
 
 
@@ -81,12 +82,14 @@ def _plain(name: str, measured: Stats) -> dict[str, Any]:
         "busy_from": measured.busy_in[0],
         "busy_to": measured.busy_in[1],
         "deadlocks": measured.deadlocks,
-        "messages": [
-            {**_row(stats, message_class="class"), "rate": stats.sent / seconds if seconds else None}
-            for stats in measured.messages
-        ],
+        "messages": [_message_row(one, seconds) for one in measured.messages],
         "resources": [_row(stats) for stats in measured.resources],
     }
+
+
+def _message_row(stats: MessageStats, seconds: float) -> dict[str, Any]:
+    rate = stats.sent / seconds if seconds else None
+    return {**_row(stats, message_class="class"), "rate": rate}
 
 
 def _row(stats: MessageStats | ResourceStats, **renamed: str) -> dict[str, Any]:
@@ -95,10 +98,12 @@ def _row(stats: MessageStats | ResourceStats, **renamed: str) -> dict[str, Any]:
     for name in stats.__slots__:
         value = getattr(stats, name)
         if name == "use":
-            busy, share, waiting = (value.busy, value.share, value.waiting) if value else (0.0, 0.0, 0.0)
-            row |= {"busy": busy, "busy_share": share, "waiting": waiting}
+            for key, figure in {"busy": "busy", "busy_share": "share", "waiting": "waiting"}.items():
+                row[key] = getattr(value, figure, 0.0)
+        elif isinstance(value, Times):
+            row[name] = _plain_times(value)
         else:
-            row[renamed.get(name, name)] = _plain_times(value) if isinstance(value, Times) else value
+            row[renamed.get(name, name)] = value
     return row
 
 

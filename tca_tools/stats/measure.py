@@ -33,7 +33,9 @@ class Times:
 
     def percentile(self, share: float) -> float | None:
         """The least of them that so many percent are no longer than; None if there are none. They must be sorted."""
-        return self.seconds[max(ceil(share / 100 * len(self.seconds)), 1) - 1] if self.seconds else None
+        if not self.seconds:
+            return None
+        return self.seconds[max(ceil(share / 100 * len(self.seconds)), 1) - 1]
 
 
 @dataclass(slots=True)
@@ -135,7 +137,8 @@ def measure(run: Run, start: float | None = None) -> Stats:
 def _of(run: Run, messages: dict[str, MessageStats], name: str) -> MessageStats:
     if name not in messages:
         declared = run.formats.get(name)
-        messages[name] = MessageStats(name, str(declared.message_class) if declared else "")
+        kind = str(declared.message_class) if declared else ""
+        messages[name] = MessageStats(name, kind)
     return messages[name]
 
 
@@ -146,15 +149,18 @@ def _count(run: Run, stats: MessageStats, message: Message) -> None:
     if message.handlings:
         stats.to_start.seconds.append(message.handlings[0].start - message.received)
     if isinstance(message, Task):
-        state = message.state
-        end = message.time_of(Moment.END_ACHIEVING) if state is TaskState.ACHIEVED else None
+        state, end = message.state, None
+        if state is TaskState.ACHIEVED:
+            end = message.time_of(Moment.END_ACHIEVING)
         stats.failed += state is TaskState.FAILED
         stats.resolved += state is TaskState.RESOLVED
         stats.killed += state is TaskState.KILLED
         stats.open += state not in OVER
     else:
-        end, last = message.answered, message.handlings[-1] if message.handlings else None
-        stats.failed += last.outcome is Outcome.FAILED if last else bool(message.failure)
+        end, has_failed = message.answered, bool(message.failure)
+        if message.handlings:
+            has_failed = message.handlings[-1].outcome is Outcome.FAILED
+        stats.failed += has_failed
         stats.open += end is None and not message.dropped and _goes_on(run, message)
     if end is not None:
         stats.to_end.seconds.append(end - message.received)
@@ -173,8 +179,11 @@ def _goes_on(run: Run, message: Message) -> bool:
     module had ahead fails without one.
     """
     if message.message_class.fans_out and not message.message_class.has_reply:
-        return any(one.end is None for one in (*run.copies.get(message.id, ()), *message.handlings))
-    return message.handlings[-1].end is None if message.handlings else not message.failure
+        handlings = *run.copies.get(message.id, ()), *message.handlings
+        return any(one.end is None for one in handlings)
+    if message.handlings:
+        return message.handlings[-1].end is None
+    return not message.failure
 
 
 def _count_handling(stats: MessageStats, handling: Handling) -> None:
@@ -192,13 +201,12 @@ def _count_handling(stats: MessageStats, handling: Handling) -> None:
 def _resources(run: Run, busy_in: Span) -> dict[Key, ResourceStats]:
     """All resources, without what depends on single messages."""
     used = {use.key: use for use in uses(run, *busy_in)}
-    return {
-        (module.name, name): ResourceStats(
-            module.name, name, max(capacity, module.capacities.get(name, 0)), use=used.get((module.name, name))
-        )
-        for module in run.modules.values()
-        for name, capacity in module.resources.items()
-    }
+    found: dict[Key, ResourceStats] = {}
+    for module in run.modules.values():
+        for name, capacity in module.resources.items():
+            key, most = (module.name, name), max(capacity, module.capacities.get(name, 0))
+            found[key] = ResourceStats(*key, most, use=used.get(key))
+    return found
 
 
 def _add_queues(run: Run, messages: dict[str, MessageStats], resources: dict[Key, ResourceStats], first: float) -> None:
@@ -211,7 +219,8 @@ def _add_queues(run: Run, messages: dict[str, MessageStats], resources: dict[Key
             spans[key].append((max(wait.start, first), max(wait.until, first)))
             if wait.start >= first:
                 stats.queued.add(wait.start, wait.until, run.time)
-                _of(run, messages, message.name).queued.add(wait.start, wait.until, run.time)
+                of_message = _of(run, messages, message.name)
+                of_message.queued.add(wait.start, wait.until, run.time)
     for key, some in spans.items():
         resources[key].longest_queue = most_at_once(some)
         resources[key].queued.seconds.sort()

@@ -45,7 +45,9 @@ def _spread(group: str, name: str, *spare: int) -> list[_Column]:
 
 def _time(times: Times, share: int) -> str:
     seconds = times.percentile(share)
-    return _NONE if seconds is None else duration(seconds) + _AT_LEAST * times.is_at_least(seconds)
+    if seconds is None:
+        return _NONE
+    return duration(seconds) + _AT_LEAST * times.is_at_least(seconds)
 
 
 def _rate(number: int, seconds: float) -> str:
@@ -86,15 +88,17 @@ def stats_lines(name: str, stats: Stats, width: int | None) -> list[str]:
     """
     tasks = [one for one in stats.messages if one.is_of_tasks]
     others = [one for one in stats.messages if not one.is_of_tasks]
-    said = [_sum(tasks, "task")] * bool(tasks) + [_sum(others, "other message" if tasks else "message")] * bool(others)
+    said = [_sum(tasks, "task")] if tasks else []
+    said += [_sum(others, "other message" if tasks else "message")] if others else []
     still = " (still running)" * stats.is_live
-    lines = [f"{name}: {stats.start:.2f} to {stats.end:.2f} s{still}, {', '.join(said) or '0 messages'}"]
+    counts = ", ".join(said) or "0 messages"
+    lines = [f"{name}: {stats.start:.2f} to {stats.end:.2f} s{still}, {counts}"]
     seconds, width = stats.end - stats.start, width or _WIDTH
     if stats.messages:
         rows = [(printable(one.message), one) for one in stats.messages]
         lines += _table("message", _MESSAGES, rows, seconds, width)
-        without = any(one.failed or one.resolved or one.killed or one.dropped for one in stats.messages)
-        lines += ["sent to end: only of what was achieved or answered"] * without
+        if any(one.failed or one.resolved or one.killed or one.dropped for one in stats.messages):
+            lines.append("sent to end: only of what was achieved or answered")
     if stats.resources:
         named = [(printable(place(one.module, one.resource) or "(no handler)"), one) for one in stats.resources]
         table = _table("resource", _RESOURCES, named, seconds, width)
@@ -110,7 +114,8 @@ def _sum(messages: Sequence[MessageStats], what: str) -> str:
     """``8 tasks (1 failed, 2 open)``."""
     news = [(sum(getattr(stats, ended) for stats in messages), words) for ended, words in _ENDS.items()]
     said = ", ".join(f"{number} {ended}" for number, ended in news if number)
-    return counted(sum(stats.sent for stats in messages), what) + (said and f" ({said})")
+    total = counted(sum(stats.sent for stats in messages), what)
+    return f"{total} ({said})" if said else total
 
 
 def _table(
@@ -137,7 +142,8 @@ def _line(name: str, columns: list[tuple[_Column, list[str]]], place: int) -> It
     yield name
     for _, group in _groups(columns):
         for number, (_, cells) in enumerate(group):
-            yield " " * (2 if number == 0 else 1) + cells[place].rjust(max(map(len, cells)))
+            width = max(map(len, cells))
+            yield " " * (2 if number == 0 else 1) + cells[place].rjust(width)
 
 
 def _heads(name_width: int, columns: list[tuple[_Column, list[str]]]) -> str:
@@ -147,7 +153,8 @@ def _heads(name_width: int, columns: list[tuple[_Column, list[str]]]) -> str:
         size = sum(max(map(len, cells)) + 1 for _, cells in group) - 1
         is_wide = name and len(name) + 2 <= size
         short = cut(name.removeprefix("sent "), size)
-        over += "  " + (f" {name} ".center(size, "-") if is_wide else short.center(size))
+        head = f" {name} ".center(size, "-") if is_wide else short.center(size)
+        over += f"  {head}"
     return over.rstrip()
 
 

@@ -11,7 +11,7 @@ from tca_tools.journal.selection import Forest, check_modules, one_message, part
 from tca_tools.options import Asked, check_output, check_span, output_option, shared_options
 from tca_tools.output import show_text
 from tca_tools.tasktree_viz import words
-from tca_tools.tasktree_viz.files import KINDS, LAYOUTS, write_tree
+from tca_tools.tasktree_viz.files import KINDS, LAYOUTS, write_picture
 from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, excerpt, outline, whole_outline
 from tca_tools.tasktree_viz.text import ASCII, UNICODE, tree_lines
 from tca_tools.tasktree_viz.told import story_lines
@@ -40,22 +40,23 @@ def tree(
     check_output(output, (".txt",) if story else KINDS, force=asked.force)
     journal = open_log(asked.log_path)
     history = folded(journal, asked.at, with_turns=story is not None)
+    width = None if output else line_width()
     if story:
-        lines = story_lines(history, one_message(history, story), None if output else line_width())
-        show_text("\n".join(lines), output)
-    else:
-        at = RunAt.by_clock(history, asked.at, history.time)
-        forest = _forest(at, asked)
-        rows = _chosen_rows(forest, everything, output.suffix if output else ".txt", layout)
-        what = f", task {printable(asked.task)}" if asked.task is not None else ""
-        title = f"{printable(journal.name)}{what}: {words.summary(forest, is_live=history.is_live)}"
+        show_text("\n".join(story_lines(history, one_message(history, story), width)), output)
+        journal.check()
+        return
+    at = RunAt.by_clock(history, asked.at, history.time)
+    forest = _forest(at, asked)
+    kind = output.suffix if output else ".txt"
+    rows = _chosen_rows(forest, everything, kind, layout)
+    what = f", task {printable(asked.task)}" if asked.task is not None else ""
+    title = f"{printable(journal.name)}{what}: {words.summary(forest, is_live=history.is_live)}"
+    if output is None or kind == ".txt":
         guides = ASCII if as_ascii or (output is None and not can_show("├─└│…")) else UNICODE
-        if output is None:
-            width = line_width()
-            click.echo(cut(title, width))
-            click.echo("\n".join(tree_lines(at, rows, guides=guides, width=width, with_data=data)))
-        else:
-            write_tree(output, at, rows, title, guides, layout=layout, with_data=data)
+        lines = tree_lines(at, rows, guides=guides, width=width, with_data=data)
+        show_text("\n".join([cut(title, width), *lines]), output)
+    else:
+        write_picture(output, at, rows, title, layout, with_data=data)
     journal.check()
 
 
@@ -75,8 +76,8 @@ def _chosen_rows(forest: Forest, everything: bool, kind: str, layout: str) -> li
         return whole_outline(forest)
     if kind == ".txt":
         return outline(forest)
-    is_figure = kind == ".dot" or layout == "figure"
-    return excerpt(forest, outline(forest, budget=_DRAWN), _MOST_IN_FIGURE if is_figure else _MOST_DRAWN)
+    most = _MOST_IN_FIGURE if kind == ".dot" or layout == "figure" else _MOST_DRAWN
+    return excerpt(forest, outline(forest, budget=_DRAWN), most)
 
 
 if __name__ == "__main__":

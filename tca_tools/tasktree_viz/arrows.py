@@ -57,9 +57,8 @@ class Arrows:
     @property
     def kinds(self) -> set[str]:
         """All kinds there are, without delays."""
-        return {
-            kind.name for kinds in (*self.between.values(), *self.own.values(), *self.unseen.values()) for kind in kinds
-        }
+        parts = self.between, self.own, self.unseen
+        return {kind.name for part in parts for kinds in part.values() for kind in kinds}
 
 
 def arrows(at: RunAt, shown: set[int]) -> Arrows:
@@ -68,18 +67,22 @@ def arrows(at: RunAt, shown: set[int]) -> Arrows:
     for task_id in sorted(shown):
         incoming: dict[int, list[ArrowKind]] = {}
         for constraint in at.tasks[task_id].constraints:
-            if constraint.before.task in at.tasks:
-                _add(incoming.setdefault(constraint.before.task, []), kind_of_arrow(constraint))
+            before = constraint.before.task
+            if before in at.tasks:
+                _add(incoming.setdefault(before, []), kind_of_arrow(constraint))
         own = incoming.pop(task_id, [])
         sequence = next((kinds for kinds in incoming.values() if _is_sequence(kinds)), None)
         if DELAYED in own and sequence is not None:
             own.remove(delayed)  # "after it, and not even planned before": one arrow, as the literature draws it
             _add(sequence, delayed)
-        unseen = {before: kinds for before, kinds in incoming.items() if before not in shown}
-        found.between |= {(before, task_id): kinds for before, kinds in incoming.items() if before in shown}
-        known = _befores(at, incoming) if unseen else set()
-        found.unseen |= {(one, task_id): kinds for one, kinds in unseen.items() if kinds != [SEQ] or one not in known}
-        found.own |= {task_id: own} if own else {}
+        known = _befores(at, incoming) if incoming.keys() - shown else set()
+        for one, kinds in incoming.items():
+            if one in shown:
+                found.between[one, task_id] = kinds
+            elif kinds != [SEQ] or one not in known:
+                found.unseen[one, task_id] = kinds
+        if own:
+            found.own[task_id] = own
     _leave_out_detours(found.between)
     return found
 

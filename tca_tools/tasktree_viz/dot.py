@@ -66,23 +66,25 @@ def _statements(at: RunAt, rows: list[Row], found: Arrows, with_data: bool) -> I
         families.setdefault(row.parent, []).append(_id(row))
     beside = {pair for brothers in families.values() for pair in pairwise(brothers)}
     # words on an arrow over other boxes would lie on those
-    said = in_words(
-        at, found, {one: found.between[one] for one in found.between if tuple(f"t{i}" for i in one) in beside}
-    )
+    drawn = {(a, b): kinds for (a, b), kinds in found.between.items() if (f"t{a}", f"t{b}") in beside}
+    said = in_words(at, found, drawn)
     for row in rows:
         yield _node(at, row, said.get(row.task.id, []) if row.task else [], with_data)
-    yield from (f"{_id(rows[row.parent])} -> {_id(row)} [weight=2];" for row in rows if row.parent >= 0)
-    joined = set()
+    for row in rows:
+        if row.parent >= 0:
+            yield f"{_id(rows[row.parent])} -> {_id(row)} [weight=2];"
     for (before, after), kinds in found.between.items():
-        joined.add((f"t{before}", f"t{after}"))
         what = " · ".join(kinds)
         tooltip = printable(f"{at.describe(before)} to {at.describe(after)}: {what}")
-        label = what if (f"t{before}", f"t{after}") in beside else ""
-        rank = "" if at.tasks[before].parent == at.tasks[after].parent else ", constraint=false"
-        looks = f"label={_quoted(label)}, tooltip={_quoted(tooltip)}, {_CONSTRAINT}{rank}"
+        label = what if (before, after) in drawn else ""
+        looks = f"label={_quoted(label)}, tooltip={_quoted(tooltip)}, {_CONSTRAINT}"
+        if at.tasks[before].parent != at.tasks[after].parent:
+            looks += ", constraint=false"
         yield f"t{before} -> t{after} [{looks}];"
+    joined = {(f"t{before}", f"t{after}") for before, after in found.between}
     for brothers in families.values():
-        order = " ".join(f"{a} -> {b} [style=invis];" for a, b in pairwise(brothers) if (a, b) not in joined)
+        apart = [pair for pair in pairwise(brothers) if pair not in joined]
+        order = " ".join(f"{a} -> {b} [style=invis];" for a, b in apart)
         if len(brothers) > 1:
             yield f"{{ rank=same; {'; '.join(brothers)}; {order} }}"
 
@@ -106,7 +108,9 @@ def _node(at: RunAt, row: Row, said: list[str], with_data: bool) -> str:
 
 def looks_of(task: TaskAt) -> tuple[str, str] | None:
     """The border of a task that no module sent, that no module handles, or that was sent ahead; and what it is."""
-    return _MONITOR if task.message_class.is_monitor else ROLES.get(task.role) or _SENT_AHEAD.get(task.preview)
+    if task.message_class.is_monitor:
+        return _MONITOR
+    return ROLES.get(task.role) or _SENT_AHEAD.get(task.preview)
 
 
 def _label_lines(at: RunAt, task: TaskAt, said: list[str], with_data: bool) -> Iterator[str]:
@@ -118,7 +122,8 @@ def _label_lines(at: RunAt, task: TaskAt, said: list[str], with_data: bool) -> I
         times = f" since {start:.2f}" if end is None else f" {start:.2f}–{end:.2f}"  # noqa: RUF001 - an en dash
     yield _small(f"{task.standing}{times}", _FAINT)
     for one in said:
-        yield from (_small(line, _HEAVY) for line in words.lines_of(printable(one), _LONGEST_NAME, _MOST_LINES))
+        lines = words.lines_of(printable(one), _LONGEST_NAME, _MOST_LINES)
+        yield from (_small(line, _HEAVY) for line in lines)
     if task.failure or task.why_killed is not None:
         note = words.lines_of(words.note(at, task), _LONGEST_NAME, _MOST_LINES)
         yield from (_small(line, _FAINT) for line in note)
@@ -132,7 +137,8 @@ def _small(text: str, colour: str) -> str:
 
 def borders(rows: list[Row]) -> list[tuple[str, str]]:
     """The colours of borders that there are, and what they mean."""
-    return sorted({looks for row in rows if row.task and (looks := looks_of(row.task))}, key=itemgetter(1))
+    found = {looks_of(row.task) for row in rows if row.task}
+    return sorted(filter(None, found), key=itemgetter(1))
 
 
 def _heading(rows: list[Row], title: str, found: Arrows) -> str:
@@ -144,7 +150,8 @@ def _heading(rows: list[Row], title: str, found: Arrows) -> str:
         f'<td bgcolor="{FILLS[state]}" border="1" color="{_FAINT}"><font point-size="10">{state}</font></td>'
         for state in states
     )
-    meanings = [(_HEAVY, kind, meaning) for kind, meaning in MEANINGS.items() if kind in found.kinds]
+    kinds = found.kinds
+    meanings = [(_HEAVY, kind, MEANINGS[kind]) for kind in MEANINGS if kind in kinds]
     meanings += [(colour, "border", meaning) for colour, meaning in borders(rows)]
     if states:
         width = sum(len(state) * 7 + 18 for state in states)  # generous, too
@@ -155,7 +162,8 @@ def _heading(rows: list[Row], title: str, found: Arrows) -> str:
         looks = f'border="0" cellborder="0" cellspacing="0" align="left" {size}'
         lines.append(f"<table {looks}>{''.join(starmap(_meaning, meanings))}</table>")
     if any(row.folded for row in rows):
-        lines.append(f'<font point-size="10">dashed, with +: {escape(words.FOLDED_UP)}</font>')
+        folded = escape(words.FOLDED_UP)
+        lines.append(f'<font point-size="10">dashed, with +: {folded}</font>')
     rows_of_table = "".join(f'<tr><td align="left">{line}</td></tr>' for line in lines)
     return f'<table border="0" cellborder="0" cellspacing="2" cellpadding="1">{rows_of_table}</table>'
 
@@ -168,5 +176,5 @@ def _meaning(colour: str, what: str, meaning: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    text = cut(text, _LONGEST_NOTE * 2).replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-    return f'"{text}"'
+    text = cut(text, _LONGEST_NOTE * 2).replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + text.replace("\n", "\\n") + '"'

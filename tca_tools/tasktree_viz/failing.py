@@ -38,18 +38,22 @@ def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
     seen = {task.id}
     killed = _killed(task)
     if not task.failures and killed <= moment:
-        found.append((killed, (_END, 0), _with_why(killed, 0, f"{task} was killed", task.why_killed or "")))
-        waiting = [_FailureCause(culprit, (_CAUSES, 0), killed, moment) for culprit in _culprits(run, task)]
+        link = _with_why(killed, 0, f"{task} was killed", task.why_killed or "")
+        found.append((killed, (_END, 0), link))
+        place = (_CAUSES, 0)
+        waiting = [_FailureCause(one, place, killed, moment) for one in _culprits(run, task)]
     while waiting and len(found) < _MOST_LINKS:
         cause = waiting.pop()
         if cause.message.id in seen and cause.place:
             continue
         seen.add(cause.message.id)
-        steps = _steps_of(run, cause)
-        found += [(link.time, (*cause.place, *step), link) for step, link in steps if link.time <= cause.until]
+        for step, link in _steps_of(run, cause):
+            if link.time <= cause.until:
+                found.append((link.time, (*cause.place, *step), link))
         waiting += reversed(list(_causes(run, cause)))
-    found = [one for one in found if one[0] <= moment]
-    return [link for _, _, link in sorted(found, key=_order)] if seen - {task.id} or task.failures else []
+    if not task.failures and seen == {task.id}:
+        return []
+    return [link for time, _, link in sorted(found, key=_order) if time <= moment]
 
 
 _Place = tuple[int, ...]
@@ -94,11 +98,13 @@ def _steps_of(run: Run, cause: _FailureCause) -> Iterator[tuple[_Place, Link]]:
         yield (_ITSELF, 0), _with_why(time, depth, f"{message} failed", failure)
     if isinstance(message, Task):
         for call in calls(RunAt(run, known), message):
-            yield (_CALLS, call.place), Link(call.time, depth, f"exception handler {call.text}")
+            text = f"exception handler {call.text}"
+            yield (_CALLS, call.place), Link(call.time, depth, text)
         yield from (((_AGAIN, 0), link) for link in _retries(run, message, depth))
         if end := _end(run, message, depth, known):
             yield (_END, 0), end
-            yield from (((_END, 0), link) for link in _end_above(run, message, depth, known))
+            above = _end_above(run, message, depth, known)
+            yield from (((_END, 0), link) for link in above)
 
 
 def _newest_state(task: Task, moment: float) -> float:
@@ -119,9 +125,12 @@ def _end(run: Run, task: Task, depth: int, moment: float) -> Link | None:
     if at is None or not (raised := [one for one in task.failures if one[0] <= moment]):
         return None
     became = fate(run, task, raised[-1][0], moment)
-    time = _newest_state(task, moment) if at.why_killed is None else task.written("killed", moment)
-    is_replaced = became is Fate.REPLACED and RunAt(run, moment).tasks[task.top].state in DONE
-    without = f"; {run.describe(task.top)} was achieved without it" if is_replaced else ""
+    time = _newest_state(task, moment)
+    if at.why_killed is not None:
+        time = task.written("killed", moment)
+    without = ""
+    if became is Fate.REPLACED and RunAt(run, moment).tasks[task.top].state in DONE:
+        without = f"; {run.describe(task.top)} was achieved without it"
     if became is Fate.OPEN:
         return Link(time, depth, f"{task} is being recovered")
     if became is Fate.DEALT_WITH:
@@ -144,24 +153,23 @@ def _end_above(run: Run, task: Task, depth: int, moment: float) -> Iterator[Link
     failed = max((time for time, _ in task.failures if time <= moment), default=inf)
     above = begun_again_with(run, task, failed, moment)
     if above is not None and (state := RunAt(run, moment).tasks[above.id].state) in OVER:
-        yield Link(_newest_state(above, moment), depth, f"{above}, handled again: {state}")
+        text = f"{above}, handled again: {state}"
+        yield Link(_newest_state(above, moment), depth, text)
 
 
 def _has_tried_again(task: Task, moment: float) -> bool:
     """Whether its handler has returned once more after the last retry."""
     again = max((one.time for one in task.retries if one.time <= moment), default=0.0)
-    return any(again <= run.start and run.end is not None and run.end <= moment for run in task.handlings)
+    since = [run for run in task.handlings if run.start >= again]
+    return any(run.end is not None and run.end <= moment for run in since)
 
 
 def _causes(run: Run, failed: _FailureCause) -> Iterator[_FailureCause]:
     """The message that its handler waited for when it failed; then the exception handlers that failed too."""
     message, place, moment, known = failed
-    runs = [
-        handling
-        for handling in message.handlings
-        if handling.outcome is Outcome.FAILED and (handling.end or 0.0) <= moment
-    ]
-    for wait, end in [(wait, handling.end) for handling in runs for wait in handling.waits][-1:]:
+    runs = [one for one in message.handlings if one.outcome is Outcome.FAILED]
+    runs = [one for one in runs if (one.end or 0.0) <= moment]
+    for wait, end in [(wait, one.end) for one in runs for wait in one.waits][-1:]:
         until = min(moment if one is None else one for one in (wait.end, end))
         awaited = run.messages.get(wait.awaited)
         if awaited is not None and _is_named(run, awaited, until, message):
@@ -178,14 +186,16 @@ def _causes(run: Run, failed: _FailureCause) -> Iterator[_FailureCause]:
 def _decided(task: Task, failed: float) -> float:
     """When it was decided what became of a task that had failed."""
     places = range(task.place_at(failed), len(task.stages))
-    states = (time for time, state in map(task.stage, places) if time > failed and state not in UNDECIDED)
-    return min(next(states, inf), _killed(task), task.time_of(Moment.END_ACHIEVING))
+    states = [time for time, state in map(task.stage, places) if state not in UNDECIDED]
+    decided = [time for time in states if time > failed]
+    return min([*decided[:1], _killed(task), task.time_of(Moment.END_ACHIEVING)])
 
 
 def _is_named(run: Run, cause: Message, until: float, failed: Message) -> bool:
     """Whether the failure of one, of which its asker was told by then, is that of the other."""
     told = [one for one in cause.failures if one[0] <= until]
-    told = [one for one in told if isinstance(cause, Task) or is_told(run, cause, one[0])]
+    if not isinstance(cause, Task):
+        told = [one for one in told if is_told(run, cause, one[0])]
     names = {failure.name for _, failure in told}
     return any(name in text for _, text in failed.failures for name in names)
 
@@ -195,5 +205,7 @@ def _culprits(run: Run, task: Task) -> list[Task]:
     that was called for it asked for the kill.
     """
     handler = decider(run, task.killer)
-    failed = called_for(run, handler) if handler is not None else run.tasks.get(task.killed_for, task)
+    failed = run.tasks.get(task.killed_for, task)
+    if handler is not None:
+        failed = called_for(run, handler)
     return [failed] if failed is not task and failed.failures else []

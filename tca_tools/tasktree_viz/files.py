@@ -1,4 +1,4 @@
-"""A tree as a file: a figure or an outline, a page or text, as its name and its size ask for."""
+"""A picture of a tree as a file: a figure or an outline, as its name and its size ask for."""
 
 from collections import Counter
 from pathlib import Path
@@ -10,11 +10,10 @@ from tca_tools.drawing.page import zoomed_page
 from tca_tools.drawing.pictures import converted
 from tca_tools.errors import NoPicture
 from tca_tools.journal.at_time import RunAt
-from tca_tools.output import made_for, show_text, write_output
+from tca_tools.output import made_for, write_output
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.tasktree_viz.outline_svg import outline_svg
-from tca_tools.tasktree_viz.text import Guides, tree_lines
 
 KINDS = (".svg", ".png", ".pdf", ".html", ".dot", ".txt")
 LAYOUTS = ("auto", "figure", "outline")
@@ -24,15 +23,10 @@ _FIGURE, _FIGURE_WIDE = 14, 9
 """A figure has at most so many leaves, and so many boxes at one depth: a wider one can't be read on a screen."""
 
 
-def write_tree(
-    output: Path, at: RunAt, rows: list[Row], title: str, guides: Guides, *, layout: str = "auto", with_data: bool
-) -> None:
-    """Write the kind of file that its name asks for. Raises ToolError if that can't be done."""
-    kind = output.suffix
-    if kind == ".txt":
-        show_text("\n".join([title, *tree_lines(at, rows, guides=guides, with_data=with_data)]), output)
-        return
-    if kind == ".dot":
+def write_picture(output: Path, at: RunAt, rows: list[Row], title: str, layout: str, *, with_data: bool) -> None:
+    """Write the kind of picture that the file's name asks for. Raises ToolError if that can't be done."""
+    kind = output.suffix[1:]
+    if kind == "dot":
         write_output(output, dot_source(at, rows, title, with_data=with_data))
         return
     if len(rows) > _MOST_DRAWN:
@@ -41,8 +35,14 @@ def write_tree(
             " or for a .txt"
         )
     with made_for(output):  # without "dot" a library draws into a file of its own
-        picture = _picture(kind[1:], at, rows, title, layout, with_data=with_data)
-    write_output(output, picture)
+        picture = None
+        if layout == "figure" or (layout == "auto" and is_figure(rows)):
+            source = dot_source(at, rows, title, with_data=with_data)
+            picture = _figure(kind, source, is_asked=layout == "figure")
+        if picture is None:
+            svg = outline_svg(at, rows, title, with_data=with_data)
+            picture = svg.encode() if kind in ("svg", "html") else converted(svg, kind)
+    write_output(output, zoomed_page(title, picture.decode()) if kind == "html" else picture)
 
 
 def is_figure(rows: list[Row]) -> bool:
@@ -52,16 +52,12 @@ def is_figure(rows: list[Row]) -> bool:
     return leaves <= _FIGURE and max(beside.values(), default=0) <= _FIGURE_WIDE
 
 
-def _picture(kind: str, at: RunAt, rows: list[Row], title: str, layout: str, *, with_data: bool) -> bytes:
-    if layout == "figure" or (layout == "auto" and is_figure(rows)):
-        try:
-            picture = drawn(dot_source(at, rows, title, with_data=with_data), "svg" if kind == "html" else kind)
-            return zoomed_page(title, picture.decode()).encode() if kind == "html" else picture
-        except NoPicture as error:
-            if layout == "figure":
-                raise
-            click.echo(f"{error.message}: drawn as an outline", err=True)
-    svg = outline_svg(at, rows, title, with_data=with_data)
-    if kind == "html":
-        return zoomed_page(title, svg).encode()
-    return svg.encode() if kind == "svg" else converted(svg, kind)
+def _figure(kind: str, source: str, *, is_asked: bool) -> bytes | None:
+    """The tree as Graphviz draws it; None if that can't be done here, unless it *is asked* for."""
+    try:
+        return drawn(source, "svg" if kind == "html" else kind)
+    except NoPicture as error:
+        if is_asked:
+            raise
+        click.echo(f"{error.message}: drawn as an outline", err=True)
+        return None

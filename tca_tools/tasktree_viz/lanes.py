@@ -8,6 +8,7 @@ from bisect import bisect, insort
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import product
 
 MOST_LANES = 5
 """Beside more lines nobody could follow one with the eye."""
@@ -23,6 +24,11 @@ class Line:
     to: list[int]
     lane: int = 0
     """0: nearest to the boxes."""
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Each that is waited for, with each that waits."""
+        return list(product(self.sources, self.to))
 
     @property
     def ends(self) -> tuple[int, int]:
@@ -47,11 +53,11 @@ def _laid(found: Iterable[Line]) -> list[Line]:
     leaving: Counter[int] = Counter()
     laid: list[Line] = []
     for line in sorted(found, key=lambda line: (line.ends[1] - line.ends[0], line.ends)):
-        free = next((number for number, lane in enumerate(taken) if _has_room(lane, *line.ends)), None)
-        if free is None or any(leaving[source] == MOST_LEAVING for source in line.sources):
+        free = [lane for lane in range(MOST_LANES) if _has_room(taken[lane], *line.ends)]
+        if not free or any(leaving[source] == MOST_LEAVING for source in line.sources):
             continue
-        line.lane = free
-        insort(taken[free], line.ends)
+        line.lane = free[0]
+        insort(taken[line.lane], line.ends)
         leaving.update(line.sources)
         laid.append(line)
     return laid

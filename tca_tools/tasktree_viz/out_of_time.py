@@ -29,7 +29,8 @@ def out_of_time(run: Run, message: Message, failed: float, failure: Failure) -> 
         return
     for one in run.tasks[task.id].suspensions[-NAMED:]:
         if one.start >= deadlines[0] and one.end is not None and one.end < failed:
-            yield one.start, False, f"{task} was suspended{by_whom(one.by)}, for {duration(one.end - one.start)}"
+            how_long = duration(one.end - one.start)
+            yield one.start, False, f"{task} was suspended{by_whom(one.by)}, for {how_long}"
     if age := age_of(waits := shown(at, task)):
         end, told = in_the_end(at, task, _FAR), several_in_words(told_now(at, task, waits))
         how_long = f", for {duration(failed - age.since)}" + (f"; in the end {end}" if end else "")
@@ -50,4 +51,5 @@ def _had_by(at: RunAt, task: TaskAt, failed: float) -> Iterator[tuple[float, boo
             since, what = run.start, f"{message} was being handled by {place(run.module, run.resource)}"
         else:
             continue
-        yield since, number != task.id, f"{what}, for {duration(failed - since)} when time ran out"
+        how_long = duration(failed - since)
+        yield since, number != task.id, f"{what}, for {how_long} when time ran out"

@@ -49,10 +49,11 @@ class Row:
     @property
     def state(self) -> str:
         """Of folded ones their state, if all have one; the worst of those that are over, if all are; else ""."""
-        worst = next((one for one in _WORST_FIRST if one in self.states), "")
-        return (
-            next(iter(self.states)) if len(self.states) == 1 else worst if self.states.keys() <= {*_WORST_FIRST} else ""
-        )
+        if len(self.states) == 1:
+            return next(iter(self.states))
+        if self.states.keys() <= {*_WORST_FIRST}:
+            return next((one for one in _WORST_FIRST if one in self.states), "")
+        return ""
 
 
 def outline(
@@ -62,12 +63,13 @@ def outline(
     killed with what they are under, those deep down first, until about *budget* tasks are shown (None: as many).
     """
     loud = _loud(at)
-    is_large = len(at.tasks) > shown_at_most
-    shown = _choose(at, loud, budget or shown_at_most, beside_at_most) if is_large else at.tasks.keys()
+    shown = set[int](at.tasks)
+    if len(at.tasks) > shown_at_most:
+        shown = _choose(at, loud, budget or shown_at_most, beside_at_most)
 
     def below(row: Row) -> list[Row]:
         rows: list[Row] = []
-        for is_shown, some in groupby(at.children(row.task.id if row.task else ROOT), shown.__contains__):
+        for is_shown, some in groupby(_children(at, row), shown.__contains__):
             if is_shown:
                 rows += [_row(at, row, child) for child in some]
             else:
@@ -79,7 +81,11 @@ def outline(
 
 def whole_outline(at: Forest) -> list[Row]:
     """A row for every task."""
-    return walked(lambda row: [_row(at, row, child) for child in at.children(row.task.id if row.task else ROOT)])
+    return walked(lambda row: [_row(at, row, child) for child in _children(at, row)])
+
+
+def _children(at: Forest, row: Row) -> Sequence[TaskId]:
+    return at.children(row.task.id if row.task else ROOT)
 
 
 def walked(below: Callable[[Row], list[Row]], at_most: int = maxsize) -> list[Row]:
@@ -96,7 +102,9 @@ def walked(below: Callable[[Row], list[Row]], at_most: int = maxsize) -> list[Ro
             for last in children[-1:]:
                 last.is_last = True
             waiting += reversed(children)
-    return [*rows, Row(None, -1, 0, is_rest=True, is_last=True, number=len(rows))] if waiting else rows
+    if waiting:
+        rows.append(Row(None, -1, 0, is_rest=True, is_last=True, number=len(rows)))
+    return rows
 
 
 def excerpt(at: Forest, rows: list[Row], at_most: int) -> list[Row]:
@@ -127,9 +135,11 @@ def _kept(at: Forest, family: list[Row], loud: set[int], beside: int) -> list[Ro
     """The rows of a family, or so many of them at either end, and others for those between."""
     places = list(range(len(family)))
     if len(family) > 2 * beside + 1:
-        first = [place for place in places if (task := family[place].task) and task.id in loud]
-        others = sorted({*places}.difference(first))
-        places = sorted([*_both_ends(first, beside), *_both_ends(others, max(beside - len(first) // 2, 0))])
+        tasks = [row.task.id if row.task else None for row in family]
+        first = [place for place in places if tasks[place] in loud]
+        others = [place for place in places if tasks[place] not in loud]
+        rest = max(beside - len(first) // 2, 0)
+        places = sorted(_both_ends(first, beside) + _both_ends(others, rest))
     rows: list[Row] = []
     for before, place in zip([-1, *places], [*places, len(family)], strict=True):
         if between := family[before + 1 : place]:
@@ -185,8 +195,9 @@ def _loud(at: Forest) -> set[int]:
 def _went_along(at: Forest, task: TaskAt) -> bool:
     """Whether a task was killed with what it is under."""
     above = at.tasks.get(task.parent)
-    were_killed = task.state is TaskState.KILLED and above is not None and above.state is TaskState.KILLED
-    return were_killed and above is not None and task.why_killed == above.why_killed
+    if above is None or not task.state is above.state is TaskState.KILLED:
+        return False
+    return task.why_killed == above.why_killed
 
 
 def _choose(at: Forest, loud: set[int], budget: int, beside_at_most: int) -> set[int]:

@@ -1,122 +1,251 @@
-"""A wide tree as an SVG picture: one line a task, with guides, what it waits for, and bars of its times."""
+"""A wide tree as an SVG picture: one line a task, with guides, what it waits for, and bars of its times.
+
+It grows downwards only.
+"""
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from operator import attrgetter
+from textwrap import wrap
 
-from tca_tools.drawing.svg import document, rectangle, text
-from tca_tools.gantt.axis import ticks
-from tca_tools.journal.at_time import RunAt
+from tca_tools.drawing import svg
+from tca_tools.gantt.axis import Scale, ticks
+from tca_tools.gantt.legend import legend
+from tca_tools.gantt.looks import MARGIN
+from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.fates import STANDINGS
 from tca_tools.journal.records import OVER, TaskState
 from tca_tools.tasktree_viz import words
-from tca_tools.tasktree_viz.arrows import MEANINGS, SEQ, arrows
+from tca_tools.tasktree_viz.arrows import MEANINGS, SEQ, ArrowKind, Arrows, arrows, in_words
 from tca_tools.tasktree_viz.dot import FILLS, borders, looks_of
+from tca_tools.tasktree_viz.lanes import Line, lines
 from tca_tools.tasktree_viz.outline import Row
-from tca_tools.tasktree_viz.plan import BOX, CHARACTER, LANE, LINE, Placement, Plan, plan
+from tca_tools.terminal import columns_of, cut, cut_name
+from tca_wire.points import ROOT, Interval
+from tca_wire.text.printable import printable
 
-_MARGIN, _GAP = 24.0, 18.0
-_TIMES = 460.0
-_BETWEEN = 13.0
-"""Room between two meanings in a line."""
+CHARACTER, _NOTE_CHARACTER, _AFTER_CHARACTER = 6.7, 5.6, 5.5
+_LINE, _BOX, _ROW, _GAP, _TIMES = 15.0, 19.0, 25.0, 18.0, 460.0
+_INDENT, _DEEPEST, _LANE = 22.0, 420.0, 6.0
+"""Pixels: of a level, of as many levels as there are, and between two lanes of lines."""
+_LEAST_INDENT = _INDENT / 2
+"""Where a level has less room, lines of one would run into those of the next: all is said in words."""
+_LONGEST_NAME, _LONGEST_DATA, _LONGEST_AFTER, _NOTE_COLUMNS, _NOTE_LINES = 44, 160, 100, 54, 3
 _TICK_DISTANCE = 80.0
 _COMES, _ROUND = 4.5, 4.0
 """Pixels from the top of a box to where a line comes to it, and of a turn."""
 _STYLE = """\
-.name { font-size: 12px; } .note { font-size: 10.5px; fill: #52606d; } .id { fill: #52606d; }
+.name { font-size: 12px; } .note { font-size: 10.5px; fill: #52606d; }
 .guide { stroke: #b8c0ca; fill: none; } .heavy { stroke: #0b4f8a; stroke-width: 2.2; fill: none; }
 .over { stroke: #ffffff; stroke-width: 5.2; fill: none; }
-.kind { font-size: 10.5px; fill: #0b4f8a; } .tip { fill: #0b4f8a; } .zebra { fill: #f7f8fa; }
-.planning { fill: #b9a6e8; } .outlined { stroke: #1f2933; }"""
+.kind { font-size: 10.5px; fill: #0b4f8a; } .tip { fill: #0b4f8a; } .planning { fill: #b9a6e8; }"""
 _JOINED = "; one that begins at several tasks: all of them before all that it leads to"
 
 
 def outline_svg(at: RunAt, rows: list[Row], title: str, *, with_data: bool = False) -> str:
     """The whole picture, as a document of its own."""
     found = arrows(at, {row.task.id for row in rows if row.task})
-    laid = plan(at, rows, found, with_data=with_data)
-    columns = _Columns(laid, at)
-    head, top = _head(rows, title, laid, found.kinds, columns.right)
-    body = [*head, *columns.axis(top, top + 22 + laid.height)]
-    top += 26
-    for place in laid.places:
-        body += columns.line(place, top)
-    body += [*_guides(laid, top), *_heavy(laid, top)]
-    for place in laid.places:
-        body += _box(at, place, top)
-    return document(columns.right + _MARGIN, top + laid.height + _MARGIN, title, _STYLE, body)
+    picture = _Picture(at, rows, found, with_data=with_data)
+    head, top = picture.head(title, found.kinds)
+    bottom = top + 26 + picture.height
+    body = [*head, *picture.axis(top, bottom - 4), *picture.body(top + 26)]
+    return svg.document(picture.right + MARGIN, bottom + MARGIN, title, _STYLE, body)
 
 
-class _Columns:
-    """The columns beside the boxes: state, notes, and bars on an axis of time."""
+@dataclass(slots=True)
+class _Placement:
+    """One line of the picture."""
 
-    def __init__(self, laid: Plan, at: RunAt) -> None:
-        tasks = [place.row.task for place in laid.places if place.row.task]
-        self.start = min((min(task.reached.values(), default=at.time) for task in tasks), default=0.0)
-        ends = (max(task.reached.values(), default=0.0) if task.state in OVER else at.time for task in tasks)
-        self.end = max(ends, default=at.time)
-        self.notes = _MARGIN + laid.width + _GAP
-        self.times = self.notes + laid.notes_width + _GAP
-        self.right = self.times + _TIMES
+    row: Row
+    left: float
+    """Of its box."""
+    top: float
+    label: str
+    notes: list[str] = field(default_factory=list)
+    """The lines beside the box: its state, the reason why it waits or failed, its data."""
+    after: str = ""
+    """Its constraints that no line to it shows."""
 
-    def x(self, time: float) -> float:
-        """Where a time stands."""
-        span = self.end - self.start
-        return self.times + (_TIMES * (min(max(time, self.start), self.end) - self.start) / span if span > 0 else 0.0)
+    @property
+    def right(self) -> float:
+        """The end of its box."""
+        return self.left + columns_of(self.label) * CHARACTER + 14
+
+
+class _Picture:
+    """Where everything stands, and how it is drawn: boxes, notes, and bars on an axis of time."""
+
+    def __init__(self, at: RunAt, rows: list[Row], found: Arrows, *, with_data: bool) -> None:
+        self._at, self._rows = at, rows
+        deepest = max((row.depth for row in rows), default=0)
+        self._indent = min(_INDENT, _DEEPEST / max(deepest, 1))
+        self._lines = _lines(rows, found) if self._indent >= _LEAST_INDENT else []
+        self._places: list[_Placement] = []
+        self.height = 0.0
+        self._place(with_data)
+        self._say(found)
+        places = self._places
+        ends = [one.right + columns_of(one.after) * _AFTER_CHARACTER + 12 for one in places]
+        notes = [columns_of(note) for one in places for note in one.notes]
+        self._notes = max(ends, default=MARGIN) + _GAP
+        self._times = self._notes + max(notes, default=0) * _NOTE_CHARACTER + _GAP
+        self.right = self._times + _TIMES
+        spans = [_span(at, row.task) for row in rows if row.task]
+        start = min((begin for begin, _ in spans), default=0.0)
+        self._scale = Scale(_TIMES, start, max((end for _, end in spans), default=at.time))
+
+    def _place(self, with_data: bool) -> None:
+        """Put one row below the other. Names and notes are cut to fit."""
+        shifts: dict[int, float] = {}
+        for line in self._lines:
+            parent = self._rows[line.to[0]].parent
+            shifts[parent] = max(shifts.get(parent, 0.0), line.lane * _LANE)
+        for row in self._rows:
+            task = row.task
+            label = words.folded(row)
+            if task:
+                label = cut_name(printable(str(task)), task.id, _LONGEST_NAME)
+            above = self._places[row.parent].left if row.parent >= 0 else MARGIN
+            left = above + self._indent + shifts.get(row.parent, 0.0)
+            notes = list(_notes(self._at, task, with_data)) if task else []
+            self._places.append(_Placement(row, left, self.height, label, notes))
+            self.height += max(_ROW, len(notes) * _LINE + 8)
+
+    def _say(self, found: Arrows) -> None:
+        """Say in words what no line shows."""
+        tasks = [row.task.id if row.task else ROOT for row in self._rows]
+        pairs = [pair for line in self._lines for pair in line.pairs]
+        drawn = {(int(tasks[one]), int(tasks[to])): [ArrowKind(SEQ)] for one, to in pairs}
+        said = in_words(self._at, found, drawn)
+        for place in self._places:
+            if place.row.task:
+                place.after = cut(printable("; ".join(said.get(place.row.task.id, []))), _LONGEST_AFTER)
+
+    def head(self, title: str, kinds: set[str]) -> tuple[list[str], float]:
+        """The title, what colours and lines mean, and where what follows may begin."""
+        rows = self._rows
+        states = {row.task.standing if row.task else row.state for row in rows}
+        shown = [state for state in STANDINGS if state in states]
+        items = [(f'fill="{FILLS[state]}" stroke="#52606d"', str(state)) for state in shown]
+        items.append(('class="planning"', "when it was planned"))
+        items += [(f'fill="#ffffff" stroke="{colour}" stroke-width="2.2"', of) for colour, of in borders(rows)]
+        squares, y = legend(items, self.right, MARGIN + 20)
+        joined = _JOINED if any(len(line.sources) > 1 for line in self._lines) else ""
+        after = " and ".join(["heavy lines"] * bool(self._lines) + ['"after"'])
+        meanings = [(after, MEANINGS[SEQ] + joined)] * (SEQ in kinds)
+        meanings += [("dashed, with +", words.FOLDED_UP)] * any(row.folded for row in rows)
+        meanings += [(kind, MEANINGS[kind]) for kind in MEANINGS if kind in kinds - {SEQ}]
+        head = [svg.words("title", MARGIN, MARGIN + 6, title), *squares]
+        for what, meaning in meanings:
+            head.append(svg.words("kind", MARGIN, y + 4, f"{what}: {meaning}"))
+            y += _LINE
+        return head, y + 8
 
     def axis(self, top: float, bottom: float) -> Iterator[str]:
         """The axis above, and lines down from it."""
-        for time, label in ticks(self.start, self.end, int(_TIMES / _TICK_DISTANCE)):
-            x = self.x(time)
-            yield f'<line class="grid" x1="{x:.1f}" y1="{top + 14:.1f}" x2="{x:.1f}" y2="{bottom:.1f}"/>'
-            yield f'<text class="faint tick" x="{x:.1f}" y="{top + 9:.1f}">{label}</text>'
+        for time, label in ticks(self._scale.start, self._scale.end, int(_TIMES / _TICK_DISTANCE)):
+            x = self._times + self._scale.x(time)
+            yield svg.line("grid", x, top + 14, x, bottom)
+            yield svg.words("faint tick", x, top + 9, label)
 
-    def line(self, place: Placement, top: float) -> Iterator[str]:
-        """State, notes and bars of one task."""
-        task, y = place.row.task, top + place.top
-        if task is None:
-            return
+    def body(self, top: float) -> Iterator[str]:
+        """All lines, with what leads from one to another."""
+        for place in self._places:
+            if place.row.task:
+                yield from self._beside(place, place.row.task, top + place.top)
+        yield from self._guides(top)
+        yield from self._heavy(top)
+        for place in self._places:
+            yield from self._box(place, top + place.top)
+
+    def _beside(self, place: _Placement, task: TaskAt, y: float) -> Iterator[str]:
+        """The notes and bars of one task."""
         for number, note in enumerate(place.notes):
-            yield f'<text class="note" x="{self.notes:.1f}" y="{y + 13 + number * LINE:.1f}">{text(note)}</text>'
-        achieving = f'fill="{FILLS[task.standing]}" stroke="#52606d" stroke-width="0.7"'
-        for kind, span, look, below, height in (
-            ("planning", place.planning, 'class="planning"', 1, 5),
-            ("achieving", place.achieving, achieving, 6, 10),
-        ):
-            if span:
-                start, end = span
-                left, right = self.x(start), self.x(self.end if end is None else end)
-                title = f"{task}: {kind} from {start:.3f} s" + (" on" if end is None else f" to {end:.3f} s")
-                yield rectangle(look, left, y + below, max(right, left + 1.5), height, title)
+            yield svg.words("note", self._notes, y + 13 + number * _LINE, note)
+        planning, achieving = (words.span(task, one) for one in (Interval.PLANNING, Interval.ACHIEVING))
+        if planning and (planning != achieving or task.state is TaskState.PLANNING):
+            yield self._bar(f"{task}: planning", planning, 'class="planning"', y + 1, 5)
+        if achieving:
+            look = f'fill="{FILLS[task.standing]}" stroke="#52606d" stroke-width="0.7"'
+            yield self._bar(f"{task}: achieving", achieving, look, y + 6, 10)
+
+    def _bar(self, what: str, span: tuple[float, float | None], look: str, y: float, height: float) -> str:
+        start, end = span
+        left = self._times + self._scale.x(start)
+        right = self._times + self._scale.x(self._scale.end if end is None else end)
+        title = f"{what} from {start:.3f} s" + (" on" if end is None else f" to {end:.3f} s")
+        return svg.rectangle(look, left, y, max(right, left + 1.5), height, title)
+
+    def _guides(self, top: float) -> Iterator[str]:
+        """Thin lines from a task to what is under it."""
+        for place in self._places:
+            if place.row.parent >= 0:
+                above = self._places[place.row.parent]
+                x, y = above.left + self._indent / 2, top + place.top + _BOX / 2
+                yield f'<path class="guide" d="M{x:.1f} {top + above.top + _BOX:.1f} V{y:.1f} H{place.left:.1f}"/>'
+
+    def _heavy(self, top: float) -> Iterator[str]:
+        """Lines to those that come after their brothers: they leave boxes below where others come to them."""
+        all_leaving = Counter(source for line in self._lines for source in line.sources)
+        leaving: Counter[int] = Counter()
+        tips: list[str] = []
+        # those further away cross the nearer, and lie over them
+        for line in sorted(self._lines, key=attrgetter("lane")):
+            leaving.update(line.sources)
+            share = {source: 1 - leaving[source] / (all_leaving[source] + 1) for source in line.sources}
+            comes = top + _COMES
+            starts = [comes + self._places[one].top + (_BOX - _COMES) * part for one, part in share.items()]
+            ends = [comes + self._places[one].top for one in line.to]
+            left = self._places[line.to[0]].left
+            x = left - self._indent / 2 - line.lane * _LANE
+            if line.lane:  # it crosses those that are nearer: there they are cut
+                across = " ".join(f"M{left:.1f} {y:.1f} H{x + _ROUND:.1f}" for y in (*starts, *ends))
+                yield f'<path class="over" d="{across}"/>'
+            yield f'<path class="heavy" d="{_path(x, left, starts, ends)}"/>'
+            tips += [f'<path class="tip" d="M{left:.1f} {y:.1f} l-8 -4 v8 z"/>' for y in ends]
+        yield from tips
+
+    def _box(self, place: _Placement, y: float) -> Iterator[str]:
+        task, left = place.row.task, place.left
+        if task is None:
+            look = f'fill="{FILLS.get(place.row.state, "#ffffff")}" stroke="#1f2933" stroke-dasharray="3 2"'
+        else:
+            border = looks_of(task)
+            look = f'fill="{FILLS[task.standing]}" '
+            look += f'stroke="{border[0]}" stroke-width="2.2"' if border else 'stroke="#1f2933"'
+            look += ' rx="7"' if task.message_class.is_goal else ""
+            look += ' stroke-dasharray="4 3"' if task.state is TaskState.HELD else ""
+        title = words.tooltip(self._at, task) if task else place.label
+        yield svg.rectangle(look, left, y, place.right, _BOX, title)
+        yield svg.words("name", left + 7, y + 13.5, place.label, svg.UNTOUCHED)
+        if place.after:
+            yield svg.words("kind", place.right + 6, y + 13, place.after)
 
 
-def _guides(laid: Plan, top: float) -> Iterator[str]:
-    """Thin lines from a task to what is under it."""
-    for place in laid.places:
-        if place.row.parent >= 0:
-            above = laid.places[place.row.parent]
-            x, y = _MARGIN + above.left + laid.indent / 2, top + place.top + BOX / 2
-            yield f'<path class="guide" d="M{x:.1f} {top + above.top + BOX:.1f} V{y:.1f} H{_MARGIN + place.left:.1f}"/>'
+def _span(at: RunAt, task: TaskAt) -> tuple[float, float]:
+    """From the first moment of a task until its last, or until now."""
+    reached = task.reached.values()
+    end = max(reached, default=0.0) if task.state in OVER else at.time
+    return min(reached, default=at.time), end
 
 
-def _heavy(laid: Plan, top: float) -> Iterator[str]:
-    """Lines to those that come after their brothers: they leave boxes below where others come to them."""
-    all_leaving = Counter(source for line in laid.lines for source in line.sources)
-    leaving: Counter[int] = Counter()
-    tips: list[str] = []
-    for line in sorted(laid.lines, key=attrgetter("lane")):  # those further away cross the nearer, and lie over them
-        leaving.update(line.sources)
-        share = {source: 1 - leaving[source] / (all_leaving[source] + 1) for source in line.sources}
-        starts = [top + laid.places[one].top + _COMES + (BOX - _COMES) * part for one, part in share.items()]
-        ends = [top + laid.places[one].top + _COMES for one in line.to]
-        left = _MARGIN + laid.places[line.to[0]].left
-        x = left - laid.indent / 2 - line.lane * LANE
-        if line.lane:  # it crosses those that are nearer: there they are cut
-            across = " ".join(f"M{left:.1f} {y:.1f} H{x + _ROUND:.1f}" for y in (*starts, *ends))
-            yield f'<path class="over" d="{across}"/>'
-        yield f'<path class="heavy" d="{_path(x, left, starts, ends)}"/>'
-        tips += [f'<path class="tip" d="M{left:.1f} {y:.1f} l-8 -4 v8 z"/>' for y in ends]
-    yield from tips
+def _notes(at: RunAt, task: TaskAt, with_data: bool) -> Iterator[str]:
+    note = words.with_state(at, task, words.note_of(at, task))
+    yield from words.lines_of(note, _NOTE_COLUMNS, _NOTE_LINES)
+    if with_data and (data := words.data(task)):
+        yield from wrap(cut(data, _LONGEST_DATA), _NOTE_COLUMNS)
+
+
+def _lines(rows: list[Row], found: Arrows) -> list[Line]:
+    """The lines between brothers, family by family."""
+    numbers = {int(row.task.id): row.number for row in rows if row.task}
+    families: dict[int, list[tuple[int, int]]] = {}
+    for (first, second), kinds in found.between.items():
+        one, other = numbers[first], numbers[second]
+        if SEQ in kinds and one < other and rows[one].parent == rows[other].parent:
+            families.setdefault(rows[one].parent, []).append((one, other))
+    return [line for pairs in families.values() for line in lines(pairs)]
 
 
 def _path(x: float, left: float, starts: list[float], ends: list[float]) -> str:
@@ -126,48 +255,3 @@ def _path(x: float, left: float, starts: list[float], ends: list[float]) -> str:
     parts.append(f"M{x:.1f} {starts[0] + _ROUND:.1f} V{ends[-1] - _ROUND:.1f}")
     parts += [f"M{x:.1f} {y - _ROUND:.1f} Q{x:.1f} {y:.1f} {turn:.1f} {y:.1f} H{left - 5:.1f}" for y in ends]
     return " ".join(parts)
-
-
-def _box(at: RunAt, place: Placement, top: float) -> Iterator[str]:
-    row, task, left, y = place.row, place.row.task, _MARGIN + place.left, top + place.top
-    if task is None:
-        look = f'fill="{FILLS.get(row.state, "#ffffff")}" stroke="#1f2933" stroke-dasharray="3 2"'
-    else:
-        border = looks_of(task)
-        stroke = f'stroke="{border[0]}" stroke-width="2.2"' if border else 'stroke="#1f2933"'
-        look = f'fill="{FILLS[task.standing]}" {stroke}'
-        look += ' rx="7"' if task.message_class.is_goal else ""
-        look += ' stroke-dasharray="4 3"' if task.state is TaskState.HELD else ""
-    title = words.tooltip(at, task) if task else place.label
-    yield rectangle(look, left, y, left + place.width, BOX, title)
-    yield f'<text class="name" x="{left + 7:.1f}" y="{y + 13.5:.1f}" pointer-events="none">{text(place.label)}</text>'
-    if place.after:
-        x = left + place.width + 6
-        yield f'<text class="kind" x="{x:.1f}" y="{y + 13:.1f}">{text(place.after)}</text>'
-
-
-def _head(rows: list[Row], title: str, laid: Plan, kinds: set[str], right: float) -> tuple[list[str], float]:
-    """The title, what colours and lines mean (nothing of that beyond *right*), and where what follows may begin."""
-    lines = [f'<text class="title" x="{_MARGIN:.0f}" y="{_MARGIN + 6:.0f}">{text(title)}</text>']
-    states = {row.task.standing if row.task else row.state for row in rows}
-    items = [(f'fill="{FILLS[state]}" stroke="#52606d"', str(state)) for state in STANDINGS if state in states]
-    items.append(('class="planning"', "when it was planned"))
-    items += [(f'fill="#ffffff" stroke="{colour}" stroke-width="2.2"', meaning) for colour, meaning in borders(rows)]
-    x, y = _MARGIN, _MARGIN + 20
-    for look, words_of in items:
-        needed = len(words_of) * CHARACTER + 34
-        if x + needed - _BETWEEN > right and x > _MARGIN:
-            x, y = _MARGIN, y + 20
-        lines.append(rectangle(look, x, y, x + 16, 12))
-        lines.append(f'<text class="name" x="{x + 21:.1f}" y="{y + 10:.1f}">{words_of}</text>')
-        x += needed
-    y += 32
-    joined = _JOINED if any(len(line.sources) > 1 for line in laid.lines) else ""
-    after = " and ".join(["heavy lines"] * bool(laid.lines) + ['"after"'])
-    meanings = [(after, MEANINGS[SEQ] + joined)] * (SEQ in kinds)
-    meanings += [("dashed, with +", words.FOLDED_UP)] * any(row.folded for row in rows)
-    meanings += [(kind, meaning) for kind, meaning in MEANINGS.items() if kind in kinds and kind != SEQ]
-    for what, meaning in meanings:
-        lines.append(f'<text class="kind" x="{_MARGIN:.0f}" y="{y:.1f}">{what}: {meaning}</text>')
-        y += LINE
-    return lines, y + 4

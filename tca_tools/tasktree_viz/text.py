@@ -54,20 +54,26 @@ def tree_lines(
     widest = _widest(width, states)
     before_names = prefixes(rows, guides, *_levels(widest))
     names = [words.called(row.task) if row.task else words.folded(row) for row in rows]
-    name_width = max(columns_of(before + name) for (before, _), name in zip(before_names, names, strict=True))
-    name_width = min(name_width, widest)
+    pairs = zip(before_names, names, strict=True)
+    name_width = min(max(columns_of(before + name) for (before, _), name in pairs), widest)
     notes = [words.note_of(at, row.task) if row.task else None for row in rows]
-    longest = max((columns_of(note.within(None, at.time)) for note in notes if note), default=0)
-    beside = name_width + states + _GAP + min(longest, _NOTE_WIDTH) + _GAP * (longest > 0)
+    told = (note.within(None, at.time) for note in notes if note)
+    longest = max(map(columns_of, told), default=0)
+    beside = name_width + states + _GAP
+    if longest:
+        beside += min(longest, _NOTE_WIDTH) + _GAP
     times = _time_columns(rows, None if width is None else width - beside)
-    headings = [padded("task", name_width), f"{'state':{states}}", *(f"{one:{wide}}" for one, wide in times.items())]
+    headings = [padded("task", name_width), f"{'state':{states}}"]
+    headings += [f"{one:{wide}}" for one, wide in times.items()]
     yield click.style(cut("  ".join(headings).rstrip(), width), dim=True)
     for row, name, note, (before, below) in zip(rows, names, notes, before_names, strict=True):
-        label = before + cut_name(name, row.task.id if row.task else 0, name_width - columns_of(before))
+        number, left = row.task.id if row.task else 0, name_width - columns_of(before)
+        label = before + cut_name(name, number, left)
         if row.task is None or note is None:
             yield click.style(cut(label, width), fg=COLOURS.get(row.state))
             continue
-        cells = [f"{row.task.standing:{states}}", *(f"{_times(row.task, one):{wide}}" for one, wide in times.items())]
+        cells = [f"{row.task.standing:{states}}"]
+        cells += [f"{_times(row.task, one):{wide}}" for one, wide in times.items()]
         room = None if width is None else max(width - name_width - _GAP, 0)
         rest = _with_note(note, at.time, "  ".join(cells), room)
         yield f"{padded(label, name_width)}  {click.style(rest[:states], fg=COLOURS[row.task.standing])}{rest[states:]}"
@@ -114,7 +120,9 @@ def prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[tu
         before = inner[row.parent] if row.parent >= 0 else ""
         if row.depth and row.depth % levels == 0:
             before = f"[{row.depth}] "
-        child, beside = (guides.last_child, guides.empty) if row.is_last else (guides.child, guides.beside)
+        child, beside = guides.child, guides.beside
+        if row.is_last:
+            child, beside = guides.last_child, guides.empty
         if row.depth == 0:
             child = beside = ""
         if row.depth % levels > wide:
@@ -129,7 +137,8 @@ def _widest(width: int | None, state_width: int) -> int:
     """Columns that guides and name may take at most: on a narrow terminal what the state leaves, but half of all."""
     if width is None:
         return _WIDEST_WITHOUT_END
-    return max(min(max(_WIDEST_NAME, width - 60), max(width - _GAP - state_width, width // 2)), 1)
+    room = max(width - _GAP - state_width, width // 2)
+    return max(min(max(_WIDEST_NAME, width - 60), room), 1)
 
 
 def _levels(name_width: int) -> tuple[int, int]:

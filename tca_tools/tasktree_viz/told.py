@@ -39,20 +39,21 @@ def story_lines(run: Run, number: int, width: int | None = None) -> Iterator[str
     yield ""
     for sentence in story(run, number, run.time):
         seconds = "" if sentence.seconds is None else f"{sentence.seconds:.3f} s"
-        so_far = f", {run.time - sentence.time:.3f} s so far" if sentence.is_open else ""
+        start, text = f"{sentence.time:9.3f} {seconds:>11}  ".ljust(_TIMES), sentence.text
         if width < _NARROW:
-            took = f", {seconds}" if seconds else ""
-            yield from _wrapped(f"{sentence.time:9.3f}  ", sentence.text + took + so_far, width)
-        else:
-            yield from _wrapped(f"{sentence.time:9.3f} {seconds:>11}  ".ljust(_TIMES), sentence.text + so_far, width)
+            start = f"{sentence.time:9.3f}  "
+            text += f", {seconds}" if seconds else ""
+        if sentence.is_open:
+            text += f", {run.time - sentence.time:.3f} s so far"
+        yield from _wrapped(start, text, width)
     chain = failure_chain(run, TaskId(number)) if isinstance(message, Task) else []
     if chain:
         yield ""
         yield from _wrapped("", "its failure, step by step:", width)
     for link in chain:
-        text = (
-            failure_line(link.text) if link.depth else link.brief or link.text
-        )  # why it failed itself, its story tells
+        text = link.brief or link.text  # why it failed itself, its story tells
+        if link.depth:
+            text = failure_line(link.text)
         yield from _wrapped(f"{link.time:9.3f}  {'  ' * link.depth}", text, width)
 
 
@@ -63,7 +64,8 @@ def _task_lines(run: Run, task: Task, width: int) -> Iterator[str]:
     name = cut(printable(str(task)), width - len(stands) - 2)
     yield f"{name}: {click.style(stands, fg=COLOURS[stands])}"
     if above:
-        yield from _wrapped("under ", " > ".join(printable(run.describe(one)) for one in above), width)
+        names = [printable(run.describe(one)) for one in above]
+        yield from _wrapped("under ", " > ".join(names), width)
     at = RunAt(run)
     if end := in_the_end(at, at.tasks[task.id]):
         yield from _wrapped("waits in the end ", str(end), width)
@@ -75,8 +77,9 @@ def _wrapped(start: str, text: str, width: int) -> Iterator[str]:
     for line in text.splitlines() or [""]:
         indent = " " * (len(line) - len(line.lstrip()))
         said = printable(line.strip())
-        least = room if columns_of(said) <= len(said) else room // 2  # wide characters take two columns
-        pieces = wrap(said, least, initial_indent=indent, subsequent_indent=indent) or [""]
-        for piece in pieces:
+        # wide characters take two columns
+        least = room if columns_of(said) <= len(said) else room // 2
+        pieces = wrap(said, least, initial_indent=indent, subsequent_indent=indent)
+        for piece in pieces or [""]:
             yield (start + piece).rstrip()
             start = " " * len(start)

@@ -50,11 +50,18 @@ FOLDED_UP = (
 
 def lines_of(text: str, columns: int, most: int) -> list[str]:
     """A text of a picture in a few lines; a number stays with its unit."""
-    words = text.split(" ")
-    pairs = zip(["", *words[:-1]], words, strict=True)
-    is_unit = [word.rstrip(",;.)") in _UNITS and before[-1:].isdigit() for before, word in pairs]
-    stuck = "".join((_STUCK if unit else " ") + word for unit, word in zip(is_unit, words, strict=True))
-    return [line.replace(_STUCK, " ") for line in wrap(stuck[1:], columns, max_lines=most, placeholder="…")]
+    stuck = before = ""
+    for word in text.split(" "):
+        is_unit = word.rstrip(",;.)") in _UNITS and before[-1:].isdigit()
+        stuck += (_STUCK if is_unit else " ") + word
+        before = word
+    lines = wrap(stuck[1:], columns, max_lines=most, placeholder="…")
+    return [line.replace(_STUCK, " ") for line in lines]
+
+
+def _joined(between: str, *parts: str) -> str:
+    """The parts that say anything."""
+    return between.join(filter(None, parts))
 
 
 def span(task: TaskAt, interval: Interval) -> tuple[float, float | None] | None:
@@ -71,7 +78,7 @@ def role(task: TaskAt) -> str:
     """Why there is such a task, if not because a module wanted it done: "listener", "exception handler", "monitor"; of
     one that a coordinator sent ahead of its state what became of that.
     """
-    return ", ".join(filter(None, ["monitor" * task.message_class.is_monitor, task.role, task.preview]))
+    return _joined(", ", "monitor" * task.message_class.is_monitor, task.role, task.preview)
 
 
 def called(task: TaskAt) -> str:
@@ -98,7 +105,9 @@ class TaskNote(NamedTuple):
     @property
     def end(self) -> str:
         """``in the end for calibrate {3}, which no module handles``; or ``no module handles that``."""
-        return printable(self.last.behind) if self.last and self.is_named else self.alone
+        if self.last and self.is_named:
+            return printable(self.last.behind)
+        return self.alone
 
     @property
     def alone(self) -> str:
@@ -109,19 +118,32 @@ class TaskNote(NamedTuple):
         """As much of it at a *time* as there is room for. For how long it waits for this gives way first, then why the
         end stands, for how long it waits in all, what follows the cause in the text, and the end. The cause stays.
         """
-        last = self.last
-        if not self.text:
-            ends = [self.alone, f"in the end {last.brief}", f"for {last.thing}"] if last else [""]
-            made = list(map(printable, ends))
-            found = next((one for one in made if room is None or columns_of(one) <= room), None)
-            return found if found is not None else cut_name(made[-1], last.number if last else 0, room or 0)
-        brief = f"{self.text}{lasting(self.age, time, brief=True)}"
-        briefly = printable(f"in the end {last.brief}") if last and not self.is_named else self.end
-        told = [(f"{self.text}{lasting(self.age, time)}", self.end), (brief, briefly), (self.text, briefly)]
-        if room is not None and briefly and (left := room - columns_of(f"; {briefly}")) >= _LEAST_TEXT:
-            told.append((cut(self.text, left), briefly))
-        made = ["; ".join(filter(None, one)) for one in [*told, (brief, ""), (self.text, "")]]
-        return next((one for one in made if room is None or columns_of(one) <= room), cut(self.text, room))
+        last, text = self.last, self.text
+        if not text:
+            return _end_within(last, room) if last else ""
+        brief = f"{text}{lasting(self.age, time, brief=True)}"
+        briefly = self.end
+        if last and not self.is_named:
+            briefly = printable(f"in the end {last.brief}")
+        told = [(f"{text}{lasting(self.age, time)}", self.end), (brief, briefly), (text, briefly)]
+        if room is not None and briefly:
+            left = room - columns_of(f"; {briefly}")
+            if left >= _LEAST_TEXT:
+                told.append((cut(text, left), briefly))
+        made = [_joined("; ", *one) for one in told]
+        return next((one for one in [*made, brief, text] if _fits(one, room)), cut(text, room))
+
+
+def _end_within(last: Last, room: int | None) -> str:
+    """As much of the end as there is room for."""
+    ends = (f"in the end {last}", f"in the end {last.brief}", f"for {last.thing}")
+    made = [printable(one) for one in ends]
+    shortest = cut_name(made[-1], last.number, room or 0)
+    return next((one for one in made if _fits(one, room)), shortest)
+
+
+def _fits(text: str, room: int | None) -> bool:
+    return room is None or columns_of(text) <= room
 
 
 def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:
@@ -136,27 +158,30 @@ def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:
 def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "waits") -> TaskNote:
     """The parts of a task's note. The *verb* goes before the things that it waits for."""
     if task.state in OVER:
-        return TaskNote(failure_line(task.failure) if task.failure else _why_killed(at, task))
+        return TaskNote(failure_line(task.failure) or _why_killed(at, task))
     last = in_the_end(at, task, within)
     waits = shown(at, task, with_children=False) or (shown(at, task) if last else [])
     told = told_now(at, task, waits)
     is_named = last is not None and len(told) == 1 and told[0].number == last.number and told[0].kind in _OF_TASKS
     failed = failure_line(task.failure)
     if task.state is TaskState.ENDING and not failed:
-        failed = ": ".join(filter(None, ("killed", _why_killed(at, task))))
+        failed = _joined(": ", "killed", _why_killed(at, task))
     text, age = "; ".join(coming(at, task)), age_of(waits)
-    said = "; ".join(filter(None, (failed, _life(task))))
+    said = _joined("; ", failed, _life(task))
     says_state = not said and bool(waits) and is_told_with_state(task)
     if waits:
         ahead = coming(at, task) if task.state is not TaskState.ENDING else []
         text = f"{how(task, verb)} {several_in_words(told)}".lstrip() + (f" ({'; '.join(ahead)})" if ahead else "")
     elif task.suspension and task.handling:
-        by, age = by_whom(task.suspension.by), Age(task.suspension.start, task.suspension.start)
-        text = f"still runs, though {at.describe(task.suspension.cause)} is suspended{by}"
+        since, by = task.suspension.start, by_whom(task.suspension.by)
+        cause, age = at.describe(task.suspension.cause), Age(since, since)
+        text = f"still runs, though {cause} is suspended{by}"
     elif queries := asked(at, task):
         since = task.asking[0].received
-        text, age = f"goes on while it waits {several_in_words(queries)}", Age(since, since)
-    return TaskNote("; ".join(filter(None, (said, printable(text)))), age, last, is_named, says_state, told)
+        age = Age(since, since)
+        text = f"goes on while it waits {several_in_words(queries)}"
+    text = _joined("; ", said, printable(text))
+    return TaskNote(text, age, last, is_named, says_state, told)
 
 
 def _life(task: TaskAt) -> str:
@@ -178,7 +203,8 @@ def _in_brief(progress: bytes) -> str:
     text = data.get("text") if isinstance(data, dict) else None
     if not text or not isinstance(text, str):
         return data_text(progress)
-    return ", ".join([text, *(f"{name} {value}" for name, value in data.items() if isinstance(value, int | float))])
+    numbers = [one for one in data.items() if isinstance(one[1], int | float)]
+    return ", ".join([text, *(f"{name} {value}" for name, value in numbers)])
 
 
 _OF_TASKS = (WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.SUBTASK, WaitKind.TASK, WaitKind.LISTENER)
@@ -198,7 +224,9 @@ def with_state(at: RunAt, task: TaskAt, note: TaskNote) -> str:
 def _why_killed(at: RunAt, task: TaskAt) -> str:
     """Why, if that is not said of what it is under."""
     above = at.tasks.get(task.parent)
-    return "" if above and above.why_killed == task.why_killed else printable(task.why_killed or "")
+    if above and above.why_killed == task.why_killed:
+        return ""
+    return printable(task.why_killed or "")
 
 
 def lasting(its_age: Age | None, time: float, *, brief: bool = False) -> str:
@@ -209,24 +237,28 @@ def lasting(its_age: Age | None, time: float, *, brief: bool = False) -> str:
     for_this = f", for {duration(time - since)}" if time - since >= _SHORTEST else ""
     if since - begun < _SHORTEST:
         return for_this
-    return f", for {duration(time - begun)} in all" if brief else f"{for_this} ({duration(time - begun)} in all)"
+    in_all = f"{duration(time - begun)} in all"
+    return f", for {in_all}" if brief else f"{for_this} ({in_all})"
 
 
 def failure_line(text: str) -> str:
     """A failure in one line: of a traceback, what comes before it."""
     first, *rest = text.strip().splitlines() or [""]
-    return cut(printable(first), _LONGEST_FAILURE) + (" ..." if any(map(str.strip, rest)) else "")
+    more = " ..." if any(map(str.strip, rest)) else ""
+    return cut(printable(first), _LONGEST_FAILURE) + more
 
 
 def data(task: TaskAt) -> str:
     """Its data and result, or the data of its failure: ``{"leg": 2} -> {"z": 1.2}``, ``{"leg": 2} failed with 5``."""
-    given, result, failure_data = map(data_text, (task.body, task.result, task.failure_data))
-    return " ".join(filter(None, (given, result and f"-> {result}", failure_data and f"failed with {failure_data}")))
+    result, failed = data_text(task.result), data_text(task.failure_data)
+    result, failed = result and f"-> {result}", failed and f"failed with {failed}"
+    return _joined(" ", data_text(task.body), result, failed)
 
 
 def tooltip(at: RunAt, task: TaskAt) -> str:
     """All there is to say about a task, in lines."""
-    return "\n".join(filter(None, [f"{called(task)}: {task.standing}", note(at, task), data(task)]))
+    head = f"{called(task)}: {task.standing}"
+    return _joined("\n", head, note(at, task), data(task))
 
 
 def folded(row: Row) -> str:
@@ -241,7 +273,8 @@ def folded(row: Row) -> str:
 
 def _counts(states: Counter[str]) -> str:
     """``2 held, 1 achieving``."""
-    return ", ".join(f"{states[standing]:,} {standing}" for standing in STANDINGS if states[standing])
+    there = [standing for standing in STANDINGS if states[standing]]
+    return ", ".join(f"{states[standing]:,} {standing}" for standing in there)
 
 
 def summary(at: Forest, *, is_live: bool = False) -> str:

@@ -39,7 +39,7 @@ def view(log_path: Path | None, port: int, host: str, central: str | None, *, re
     with listening(host, port) as door:
         steering = Steering(central) if host == LOCAL and not read_only else None
         runs.show(None)
-        notes = ["it is empty: what central writes to it will be shown"] if log.is_empty else []
+        notes = ["it is empty: what central writes to it will be shown"] * log.is_empty
         try:
             serve_page(
                 door, host, steering.key.text if steering else "",

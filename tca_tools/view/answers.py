@@ -16,7 +16,7 @@ from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.fates import Fate, coped_with, fate, told_to
 from tca_tools.journal.records import OVER, Hold, Message, Task
 from tca_tools.journal.whole_run import Run
-from tca_tools.tasktree_viz.failing import failure_chain
+from tca_tools.tasktree_viz.failing import Link, failure_chain
 from tca_tools.tasktree_viz.words import failure_line, note_of, span
 from tca_tools.view.machines import machine_answer
 from tca_tools.view.pictures import is_picture, picture_in
@@ -65,28 +65,39 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
             "untold": max(len(told) - _LONGEST_STORY, 0),
         }
         if isinstance(message, Task):
-            links = failure_chain(run, TaskId(message.id), at.moment)
-            answer["chain"] = [
-                {"time": link.time, "depth": link.depth, "text": failure_line(link.text)}
-                for link in links[-_LONGEST_STORY:]
-            ]
-            answer["unlinked"] = max(len(links) - _LONGEST_STORY, 0)
-        if isinstance(message, Task) and message.received <= at.moment:
-            answer |= _task_answer(at, at.tasks[message.id]) | machine_answer(at, at.tasks[message.id])
+            answer |= _chain_answer(run, message, at.moment)
+            if message.received <= at.moment:
+                answer |= _task_answer(at, at.tasks[message.id]) | machine_answer(at, at.tasks[message.id])
         return answer
+
+
+def _chain_answer(run: Run, task: Task, moment: float) -> Data:
+    """The steps of its failure."""
+    links = failure_chain(run, TaskId(task.id), moment)
+    shown = links[-_LONGEST_STORY:]
+    return {"chain": [_link(one) for one in shown], "unlinked": len(links) - len(shown)}
+
+
+def _link(one: Link) -> Data:
+    return {"time": one.time, "depth": one.depth, "text": failure_line(one.text)}
 
 
 def _relations(at: RunAt, message: Message) -> list[tuple[str, str]]:
     """The relations of a message to others: a heading and words for each."""
     origin = at.run.delivered(message.origin)
     sender = message.sender + (f" while handling {origin}" if origin else "")
-    found = [("sent by", sender), ("as", message.role and f"{message.role} for {at.describe(message.about)}")]
+    found = [("sent by", sender)]
+    if message.role:
+        found.append(("as", f"{message.role} for {at.describe(message.about)}"))
     task = at.tasks.get(message.id)
-    if task is not None:
-        found += [("under", at.describe(task.parent) if task.parent else "")]
-        found += [("handled as a failure by", at.describe(handler)) for handler in task.caught_by]
-        found += [("subtasks", f"{len(task.children):,}" if task.children else "")]
-    return [(heading, words) for heading, words in found if words]
+    if task is None:
+        return found
+    if task.parent:
+        found.append(("under", at.describe(task.parent)))
+    found += [("handled as a failure by", at.describe(one)) for one in task.caught_by]
+    if task.children:
+        found.append(("subtasks", f"{len(task.children):,}"))
+    return found
 
 
 def _sentence(one: Sentence, moment: float) -> Data:
@@ -99,25 +110,33 @@ def _sentence(one: Sentence, moment: float) -> Data:
 def _failure_answer(run: Run, message: Message, moment: float) -> Data:
     """Its failure as it stood, whether the run went on after it, and who was told."""
     failure, time = message.was("failure", moment), message.written("failure", moment)
+    if not failure:
+        return {"failure": "", "handled": coped_with(run, message, moment), "replaced": False, "told": ""}
+    became = fate(run, message, time, moment)
     return {
         "failure": printable_lines(failure),
         "handled": coped_with(run, message, moment),
-        "replaced": bool(failure) and fate(run, message, time, moment) in (Fate.REPLACED, Fate.RETRIED),
-        "told": told_to(run, message, time, moment) if failure else "",
+        "replaced": became in (Fate.REPLACED, Fate.RETRIED),
+        "told": told_to(run, message, time, moment),
     }
 
 
 def _task_answer(at: RunAt, task: TaskAt) -> Data:
     note, waits = note_of(at, task), shown(at, task)
-    why = NOT_HANDLED if task.failure and task.record.killed_for == task.id else task.why_killed
+    why = task.why_killed
+    if task.failure and task.record.killed_for == task.id:
+        why = NOT_HANDLED
     groups = [list(some) for _, some in groupby(waits, attrgetter("kind"))]
-    told = [
-        {"text": f"{how(task)} {several_in_words(told_now(at, task, some))}", "since": max(one.start for one in some)}
-        for some in groups
-    ]
+    told = []
+    for some in groups:
+        text = f"{how(task)} {several_in_words(told_now(at, task, some))}"
+        told.append({"text": text, "since": max(one.start for one in some)})
     age = age_of(waits) or note.age
     if age and not waits:
         told = [{"text": note.text, "since": age.since}]
+    constraints = [_constraint(at, hold) for hold in task.holds]
+    for above, hold in held_above(at, task.id):
+        constraints.append(_constraint(at, hold, f", by way of {at.describe(above)}"))
     return {
         "state": task.standing,
         **_life_answer(task),
@@ -128,10 +147,7 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
         "ahead": coming(at, task),
         "killed": None if why is None else printable_lines(why),
         "spans": {interval.name.lower(): span(task, interval) for interval in Interval},
-        "constraints": [
-            *(_constraint(at, hold) for hold in task.holds),
-            *(_constraint(at, hold, f", by way of {at.describe(above)}") for above, hold in held_above(at, task.id)),
-        ],
+        "constraints": constraints,
     }
 
 
@@ -144,11 +160,14 @@ def _life_answer(task: TaskAt) -> Data:
 
 def _constraint(at: RunAt, hold: Hold, way: str = "") -> Data:
     """``start achieving not before 3 s after step {3} end achieving``."""
-    before, after, delay = hold.constraint.before, hold.constraint.after, hold.constraint.delay
+    constraint, delay = hold.constraint, hold.constraint.delay
+    before, after = constraint.before, constraint.after
     text = run_time(delay)
     if before.task:
         whose = "its own" if before.task == after.task else at.describe(before.task)
-        text = f"{duration(delay)} after " * bool(delay) + f"{whose} {describe_moments(before.moment)[0]}"
+        text = f"{whose} {describe_moments(before.moment)[0]}"
+        if delay:
+            text = f"{duration(delay)} after {text}"
     return {
         "text": f"{describe_moments(after.moment)[0]} not before {text}{way}",
         "isMet": hold.over <= at.moment if delay else at.has_reached(before),
@@ -166,18 +185,20 @@ def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, D
 def _note(at: RunAt, task: TaskAt) -> Data:
     """Its parts, the end also in less room; and what it names, since it holds until one of these ends."""
     note = note_of(at, task, verb="")
-    text = ": ".join(filter(None, (task.standing, note.text))) if task.state in OVER else note.text
-    if task.state in OVER and task.failure and not task.failure.words and (data := data_text(task.failure_data)):
-        text += f" {data[:_LONGEST_DATA]}"  # it is all that was said of it
+    text, failure = note.text, printable_lines(task.failure[:_LONGEST_FAILURE])
+    whole = [text, failure]
+    if task.state in OVER:
+        text = ": ".join(filter(None, (task.standing, note.text)))
+        if task.failure and not task.failure.words and (data := data_text(task.failure_data)):
+            text += f" {data[:_LONGEST_DATA]}"  # it is all that was said of it
+        whole = [failure or text]
     brief = printable(note.last.brief) if note.last and not note.is_named else ""
-    failure = printable_lines(task.failure[:_LONGEST_FAILURE])
-    whole = failure if failure and task.state in OVER else "\n\n".join(filter(None, (text, failure)))
     return {
         "text": text,
         "end": note.end,
         "brief": f"in the end {brief}" if brief else "",
         "alone": brief,
-        "whole": "\n\n".join(filter(None, (whole, note.end))),
+        "whole": "\n\n".join(filter(None, (*whole, note.end))),
         "names": list(_numbers(note.waits)),
         "last": note.last.number if note.last else 0,
         **({"since": note.age.since, "start": note.age.begun} if note.age else {}),
@@ -226,7 +247,8 @@ def messages_answer(reading: Reading, place: int, before: int, after: int) -> li
 
 def numbers(text: str) -> list[int]:
     """The numbers of a list such as "3,17": what is none is left out."""
-    return [TaskId(int(part)) for part in text.split(",") if part.isdecimal() and len(part) < 16]
+    parts = [part for part in text.split(",") if part.isdecimal() and len(part) < 16]
+    return [TaskId(int(part)) for part in parts]
 
 
 def picture_answer(reading: Reading, message_id: int) -> dict[str, str] | None:

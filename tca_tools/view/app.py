@@ -11,9 +11,10 @@ from typing import Annotated, Any
 import msgspec
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import QueryParams
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
-from starlette.routing import Mount, Route
+from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from tca_tools.errors import ToolError
@@ -39,32 +40,31 @@ def application(runs: Runs, hosts: list[str], steering: Steering | None = None, 
     """The server of one page, which answers to these host names; without *steering* the page can only look. With a
     *token* only those get an answer who have opened the address that has it.
     """
-    return Starlette(
-        routes=[
-            Route("/", lambda _request: FileResponse(PAGE / "index.html")),
-            Route("/api/runs", partial(_runs, runs)),
-            Route("/api/outcome", partial(_outcome, Outcomes(runs))),
-            Route("/api/frame", partial(_frame, runs)),
-            *([Route("/api/steer", partial(_steer, runs, steering), methods=["POST"])] if steering else []),
-            *(Route(f"/api/{path}", _asked(runs, answer)) for path, answer in _ANSWERS.items()),
-            Mount("/page", StaticFiles(directory=PAGE)),
-        ],
-        middleware=guards(hosts, token, "tca view"),
-    )
+    routes: list[BaseRoute] = [
+        Route("/", lambda _request: FileResponse(PAGE / "index.html")),
+        Route("/api/runs", partial(_runs, runs)),
+        Route("/api/outcome", partial(_outcome, Outcomes(runs))),
+        Route("/api/frame", partial(_frame, runs)),
+        Mount("/page", StaticFiles(directory=PAGE)),
+    ]
+    routes += [Route(f"/api/{path}", _asked(runs, answer)) for path, answer in _ANSWERS.items()]
+    if steering:
+        routes.append(Route("/api/steer", partial(_steer, runs, steering), methods=["POST"]))
+    return Starlette(routes=routes, middleware=guards(hosts, token, "tca view"))
 
 
 async def _runs(runs: Runs, _request: Request) -> Response:
     """Those that can be chosen, newest first."""
-    found = await run_in_threadpool(runs.all)
-    last = (
-        (await run_in_threadpool(lambda: runs.newest)).address if runs.follows else found[-1].address if found else ""
-    )
-    return JSONResponse(
-        [
-            {"run": run.address, "name": run.name, "began": run.began, "isNewest": run.address == last}
-            for run in reversed(found)
-        ]
-    )
+    return JSONResponse(await run_in_threadpool(_listed, runs))
+
+
+def _listed(runs: Runs) -> list[dict[str, Any]]:
+    found = runs.all()
+    last = runs.newest.address if runs.follows else found[-1].address if found else ""
+    return [
+        {"run": one.address, "name": one.name, "began": one.began, "isNewest": one.address == last}
+        for one in reversed(found)
+    ]
 
 
 async def _outcome(outcomes: Outcomes, request: Request) -> Response:
@@ -76,51 +76,47 @@ async def _outcome(outcomes: Outcomes, request: Request) -> Response:
 
 async def _frame(runs: Runs, request: Request) -> Response:
     """The news since the page last asked; without ``wait=0`` it waits a while if the page has all there is."""
-    asked = request.query_params
-    patience = 0.0 if asked.get("wait") == "0" else None
-    since = _lengths(asked.get("since", "{}"))
-    return await run_in_threadpool(_next_frame, runs, asked.get("run"), since, asked.get("token"), patience)
+    return await run_in_threadpool(_next_frame, runs, request.query_params)
 
 
-def _next_frame(
-    runs: Runs, address: str | None, since: dict[str, int], token: str | None, patience: float | None
-) -> Response:
-    if (shown := runs.show(address)) is None:
-        return _no_run(address)
+def _next_frame(runs: Runs, asked: QueryParams) -> Response:
+    since, token = _lengths(asked.get("since", "{}")), asked.get("token")
+    if (shown := runs.show(asked.get("run"))) is None:
+        return _no_run(asked.get("run"))
     if since and token is not None and token != shown.token:
         return JSONResponse({"error": "this is read anew: what was told before does not count"}, 410)
-    return Response(_columns(runs, shown, since, patience), media_type="application/octet-stream")
-
-
-def _columns(runs: Runs, shown: Shown, since: dict[str, int], patience: float | None) -> bytes:
     reading = shown.reading
-    if since:  # a page that has nothing yet gets what there is
+    if since and asked.get("wait") != "0":  # a page that has nothing yet gets what there is
         with reading:
-            if patience is None:
-                patience = _PATIENCE if reading.state == "live" else _OF_OTHERS
+            patience = _PATIENCE if reading.state == "live" else _OF_OTHERS
             reading.wait_for_more(since.get("entry", 0), patience)
     with reading:
-        run, newest = runs.names(shown)
-        history = reading.feed.history
-        told = {
-            "run": run.address,
-            "token": shown.token,
-            "name": run.name,
-            "began": history.began,
-            "caughtUp": reading.caught_up,
-            "state": reading.state,
-            "now": reading.now,
-            "problem": reading.problem or reading.cut,
-            "remark": reading.remark,
-            "fills": FILLS,
-            "handled": HANDLED,
-            "previewed": PREVIEWED,
-            "colours": reading.feed.colours(),
-            "follows": runs.follows,
-            "newest": {"run": newest.address, "name": newest.name},
-            "newestAtStart": runs.newest_at_start,
-        }
-        return reading.feed.columns.frame(since, told)
+        frame = reading.feed.columns.frame(since, _head(runs, shown))
+    return Response(frame, media_type="application/octet-stream")
+
+
+def _head(runs: Runs, shown: Shown) -> dict[str, Any]:
+    """All that a frame says of its run beside the columns."""
+    run, newest = runs.names(shown)
+    reading = shown.reading
+    return {
+        "run": run.address,
+        "token": shown.token,
+        "name": run.name,
+        "began": reading.feed.history.began,
+        "caughtUp": reading.caught_up,
+        "state": reading.state,
+        "now": reading.now,
+        "problem": reading.problem or reading.cut,
+        "remark": reading.remark,
+        "fills": FILLS,
+        "handled": HANDLED,
+        "previewed": PREVIEWED,
+        "colours": reading.feed.colours(),
+        "follows": runs.follows,
+        "newest": {"run": newest.address, "name": newest.name},
+        "newestAtStart": runs.newest_at_start,
+    }
 
 
 async def _steer(runs: Runs, steering: Steering, request: Request) -> Response:
@@ -154,7 +150,7 @@ def _asked(runs: Runs, answer: Callable[[Reading, Request], Any]) -> Callable[[R
         if (shown := runs.show(address)) is None:
             return _no_run(address)
         if (found := answer(shown.reading, request)) is None:
-            return JSONResponse({"error": f"no message {request.path_params['id']} in this journal"}, 404)
+            return JSONResponse({"error": f"no message {_id(request)} in this journal"}, 404)
         return JSONResponse(found)
 
     async def endpoint(request: Request) -> Response:
@@ -171,18 +167,26 @@ def _moment(request: Request) -> float:
     return math.inf if math.isnan(moment) else moment
 
 
+def _id(request: Request) -> int:
+    return int(request.path_params["id"])
+
+
+def _numbers(request: Request, name: str) -> list[int]:
+    return numbers(request.query_params.get(name, ""))
+
+
 def _number(request: Request, name: str) -> int:
-    return next(iter(numbers(request.query_params.get(name, ""))), 0)
+    return next(iter(_numbers(request, name)), 0)
 
 
 _ANSWERS: dict[str, Callable[[Reading, Request], Any]] = {
-    "message/{id:int}": lambda reading, asked: message_answer(reading, asked.path_params["id"], _moment(asked)),
-    "machine/{id:int}": lambda reading, asked: machine_picture(reading, asked.path_params["id"]),
-    "picture/{id:int}": lambda reading, asked: picture_answer(reading, asked.path_params["id"]),
-    "notes": lambda reading, asked: notes_answer(reading, numbers(asked.query_params.get("ids", "")), _moment(asked)),
-    "causes": lambda reading, asked: causes_answer(reading, _moment(asked)),
-    "messages": lambda reading, asked: messages_answer(
-        reading, *(_number(asked, name) for name in ("place", "before", "after"))
+    "message/{id:int}": lambda read, asked: message_answer(read, _id(asked), _moment(asked)),
+    "machine/{id:int}": lambda read, asked: machine_picture(read, _id(asked)),
+    "picture/{id:int}": lambda read, asked: picture_answer(read, _id(asked)),
+    "notes": lambda read, asked: notes_answer(read, _numbers(asked, "ids"), _moment(asked)),
+    "causes": lambda read, asked: causes_answer(read, _moment(asked)),
+    "messages": lambda read, asked: messages_answer(
+        read, *(_number(asked, name) for name in ("place", "before", "after"))
     ),
 }
 """The answers about the run that the page shows."""

@@ -49,7 +49,8 @@ class Columns:
             if sys.byteorder == "big":
                 rows.byteswap()
             data = rows.tobytes()
-            head.append({"name": name, "kind": self._kinds[name], "offset": offset, "bytes": len(data)})
+            about = {"kind": self._kinds[name], "offset": offset, "bytes": len(data)}
+            head.append({"name": name, **about})
             parts.append(_filled(data, b"\0"))
             offset += len(parts[-1])
         lengths = {name: len(columns[0][0]) for name, columns in self._tables.items()} | {"text": len(self._texts)}

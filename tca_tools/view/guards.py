@@ -57,12 +57,12 @@ def guards(hosts: list[str], token: str, command: str) -> list[Middleware]:
     """The guards of a server that answers to these host names, and where there is a *token* only to those who have
     opened the address that has it.
     """
-    return [
-        Middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False),
-        Middleware(BaseHTTPMiddleware, dispatch=_with_looks),
-        *([Middleware(BaseHTTPMiddleware, dispatch=partial(_with_token, token, command))] if token else []),
-        Middleware(GZipMiddleware, compresslevel=3),
-    ]
+    made = [Middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False)]
+    made.append(Middleware(BaseHTTPMiddleware, dispatch=_with_looks))
+    if token:
+        ask = partial(_with_token, token, command)
+        made.append(Middleware(BaseHTTPMiddleware, dispatch=ask))
+    return [*made, Middleware(GZipMiddleware, compresslevel=3)]
 
 
 async def _with_looks(request: Request, go_on: Callable[[Request], Awaitable[Response]]) -> Response:

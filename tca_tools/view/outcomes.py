@@ -36,12 +36,15 @@ class Outcomes:
         except ToolError as error:
             return {"error": printable_lines(error.message)}
         except OSError as error:
-            return {"error": printable_lines(f"{error.filename or run.path}: can't be read: {error.strerror}")}
+            which = error.filename or run.path
+            return {"error": printable_lines(f"{which}: can't be read: {error.strerror}")}
         return _plain(known[1], known[2] or _state(log, known[1]))
 
 
 def _state(log: Log, outcome: RunOutcome) -> str:
-    return "ended" if outcome.is_closed else "live" if log.is_being_written else "not closed"
+    if outcome.is_closed:
+        return "ended"
+    return "live" if log.is_being_written else "not closed"
 
 
 def _plain(outcome: RunOutcome, state: str) -> dict[str, Any]:

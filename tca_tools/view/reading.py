@@ -112,7 +112,8 @@ class Reading:
     def is_back(self) -> bool:
         """Whether what was removed or cut short is there again: then all is to be read anew."""
         try:
-            return self._lost is not None and self._lost.segment.stat().st_size >= self._lost.offset
+            lost = self._lost
+            return lost is not None and lost.segment.stat().st_size >= lost.offset
         except OSError:
             return False
 
@@ -120,13 +121,16 @@ class Reading:
         """Wait, inside of ``with``, for more than so many entries, another state of the run, or the end of the time.
         While a long journal is being read, news are told together.
         """
-        state, cut = self.state, self.cut
+        known = self.state, self.cut
         if not self.caught_up:
-            self._grown.wait_for(lambda: self.caught_up or self.is_over, min(seconds, _WHILE_READING))
-        else:
-            self._grown.wait_for(
-                lambda: self.entries > entries or self.is_over or (self.state, self.cut) != (state, cut), seconds
-            )
+            seconds = min(seconds, _WHILE_READING)
+            self._grown.wait_for(lambda: self.caught_up or self.is_over, seconds)
+            return
+
+        def has_news() -> bool:
+            return self.entries > entries or self.is_over or (self.state, self.cut) != known
+
+        self._grown.wait_for(has_news, seconds)
 
     def at(self, moment: float) -> RunAt:
         """The run as it was at a moment, with what was worked out of it already. Only inside of ``with``."""

@@ -121,11 +121,13 @@ class Runs:
             if not self._is_read(kept) and not self._is_stopped and (log := self._open(kept)) is not None:
                 reading = Reading(log)
                 reading.start()
-                self._shown[kept] = Shown(log.path.resolve(), reading, token_hex(8)), 0.0
+                shown = Shown(log.path.resolve(), reading, token_hex(8))
+                self._shown[kept] = shown, 0.0
             if kept not in self._shown:
                 return None
             shown, _ = self._shown.pop(kept)
-            self._shown[kept] = shown, monotonic()  # the last one that was asked for is the last in it
+            # the last one that was asked for is the last in it
+            self._shown[kept] = shown, monotonic()
             forgotten = self._forget()
         for one in forgotten:
             one.reading.stop()
@@ -198,7 +200,8 @@ class Runs:
         beside: list[Path] = []
         if self.follows or self._own.parent == journals.resolve():
             try:
-                beside = [path.resolve() for path in by_number(listed(journals)) if path.is_dir() and segments_in(path)]
+                folders = [path for path in by_number(listed(journals)) if path.is_dir()]
+                beside = [path.resolve() for path in folders if segments_in(path)]
             except UnusableLog:
                 beside = []
         last_first = dict.fromkeys([*reversed(beside), *reversed(self._places)])
@@ -228,9 +231,8 @@ class Runs:
 
     def _forget(self) -> list[Shown]:
         """Those that nobody looks at any more, but the last few: they are to be stopped."""
-        unasked = [
-            address for address, (_, asked) in list(self._shown.items())[:-_KEPT] if monotonic() - asked > _UNASKED
-        ]
+        since, shown = monotonic() - _UNASKED, list(self._shown.items())[:-_KEPT]
+        unasked = [address for address, (_, asked) in shown if asked < since]
         return [self._shown.pop(address)[0] for address in unasked]
 
 

@@ -5,13 +5,9 @@ from tca_tools.journal.whole_run import Run
 from tca_tools.view.columns import Columns
 
 TRAFFIC_TABLES = {
-    "link.sender": "t",
-    "link.message": "t",
-    "link.kind": "t",  # the message's class; "direct" of what came without central
-    "link.handler": "t",  # a module; "" of what no handler has begun with yet
-    "sent.link": "i",
-    "sent.time": "d",
-    "sent.less": "B",  # whether it is one less: its handler has begun
+    # kind: the message's class, or "direct" of what came without central; handler: "" until one has begun with it
+    "link": "sender:t message:t kind:t handler:t",
+    "sent": "link:i time:d less:B",  # less: it is one less, its handler has begun
 }
 
 
@@ -38,7 +34,8 @@ class Traffic:
         message = self._run.messages.get(handling.message_id)
         sender = message.sender if message else handling.direct_from
         kind = str(message.message_class) if message else "direct"
-        self._columns.add("sent", self._link(sender, handling.name, kind, handling.module), handling.start, False)
+        link = self._link(sender, handling.name, kind, handling.module)
+        self._columns.add("sent", link, handling.start, False)
 
     def _link(self, sender: str, message: str, kind: str, handler: str) -> int:
         key = sender, message, kind, handler

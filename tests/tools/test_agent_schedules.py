@@ -13,11 +13,11 @@ from tools.deliveries import deliver, figure_7, held_up, killed, too_late, undon
 from tca_behaviours.coordination import Discrete
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path
-from tca_tools.gantt.chart import Bar
+from tca_tools.gantt.chart import Bar, BarKind, Chart
 from tca_tools.journal.coordinators import coordinators, gain, gains
 from tca_tools.journal.fold import folded
 from tca_tools.journal.journals import open_log
-from tca_tools.schedule.build import AgentSchedule, schedules
+from tca_tools.schedule.build import schedules
 
 Tca = Callable[..., Result]
 
@@ -27,8 +27,9 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return figure_7(tmp_path_factory.mktemp("figure_7"))
 
 
-def boxes(one: AgentSchedule, agent: str) -> list[Bar]:
-    return next(row.boxes for row in one.rows if row.agent == agent)
+def boxes(one: Chart, agent: str) -> list[Bar]:
+    row = next(row for row in one.rows if row.label == agent)
+    return [bar for bar in row.handled if bar.kind is not BarKind.IDLE]
 
 
 def look(box: Bar) -> str:
@@ -42,14 +43,14 @@ def test_the_three_schedules_of_figure_7(
     assert result.exit_code == 0, result.output
     expect("schedule", (tmp_path / "figure.txt").read_text())
     best, occupied, plain = [schedules(folded(open_log(log)), log.name)[0] for log in logs]
-    assert best.seconds < occupied.seconds < plain.seconds
+    assert best.end < occupied.end < plain.end
     assert [look(box) for box in boxes(best, "arm")] == ["arm to(box B) ahead", "arm to(tuck) current"]
     assert [look(box) for box in boxes(occupied, "arm")] == [
         "arm to(box B) wasted",
         "arm to(box C) ahead",
         "arm to(tuck) current",
     ]
-    assert not any(box.ahead for row in plain.rows for box in row.boxes)
+    assert not any(box.ahead for row in plain.rows for box in row.handled)
     assert boxes(occupied, "arm")[1].end < boxes(occupied, "base")[0].end  # C's pose while the base still goes to B
 
 

@@ -175,7 +175,7 @@ SCALE = Scale(1000.0, 0.0, 1000.0)
 
 def queue(*bars: tuple[float, float], is_nobodys: bool = False) -> ResourceRow:
     """A row of what waits, each bar in its lane, on a plot of 1000 pixels and seconds."""
-    waiting = [Bar("step", start, end, str, (), BarKind.QUEUED, lane=lane) for lane, (start, end) in enumerate(bars)]
+    waiting = [Bar("step", start, end, kind=BarKind.QUEUED, lane=lane) for lane, (start, end) in enumerate(bars)]
     return ResourceRow("legs", queued=waiting, is_nobodys=is_nobodys)
 
 

@@ -219,7 +219,7 @@ def test_a_large_tree_shows_what_failed_and_counts_the_rest() -> None:
     above = next(node for node in found.nodes if node.task and node.task.id == failed.task.parent)
     assert above.is_open
     assert sum(node.is_open for node in found.nodes) == 2
-    counted = sum(int(node.folded.split(" ")[1].replace(",", "")) for node in found.nodes if node.folded)
+    counted = sum(node.row.folded for node in found.nodes)
     assert counted + len(states) == found.total == 3000
 
 

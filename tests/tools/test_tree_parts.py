@@ -23,8 +23,7 @@ from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.files import is_figure
 from tca_tools.tasktree_viz.lanes import MOST_LANES, MOST_LEAVING, lines
 from tca_tools.tasktree_viz.outline import Row, outline, whole_outline
-from tca_tools.tasktree_viz.outline_svg import outline_svg
-from tca_tools.tasktree_viz.plan import CHARACTER
+from tca_tools.tasktree_viz.outline_svg import CHARACTER, outline_svg
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.tasktree_viz.words import lines_of
@@ -266,8 +265,7 @@ def test_the_legend_of_an_outline_stays_in_the_picture(monkeypatch: pytest.Monke
     at = RunAt(History.until(walk()), 37.0)
     picture = ET.fromstring(outline_svg(at, whole_outline(at), "walk"))
     width = float(picture.get("width", 0))
-    named = [text for text in picture.iter(f"{SVG}text") if text.get("class") == "name"]
-    legend = [text for text in named if "{" not in (text.text or "")]
+    legend = [text for text in picture.iter(f"{SVG}text") if text.get("class") == "meaning"]
     assert "sent by a wiretap" in [text.text for text in legend]
     assert all(float(text.get("x", 0)) + len(text.text or "") * CHARACTER <= width for text in legend)
     assert len({text.get("y") for text in legend}) > 1
