@@ -5,6 +5,7 @@ Of very many things only so many are looked at, and the first few told one by on
 
 from collections.abc import Iterable, Iterator
 from itertools import chain, islice
+from operator import attrgetter
 from typing import Any
 
 from msgspec.structs import replace
@@ -40,6 +41,7 @@ from tca_wire.points import (
 )
 from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitFor, WaitKind
+from tca_wire.waits import ends as walker
 
 NAMED = 3
 """Things of one kind that are told one by one."""
@@ -319,38 +321,37 @@ class Ends:
     def __init__(self, central: State, edges: int) -> None:
         self.edges = edges
         self._central = central
-        self._known: dict[Node, WaitFor] = {}
+        self._walk: walker.Ends[Node, WaitFor] = walker.Ends(self)
 
     def end_of(self, node: Node) -> WaitFor | None:
         """The final wait of a node; None if that was too far to look."""
-        if self.edges <= 0:
+        try:
+            return self._walk.of(node)[0]
+        except walker.TooFarError:
             return None
-        trail: dict[Node, None] = {}
-        end: WaitFor | None = None
-        while end is None:
-            if isinstance(node, Place) and not node.task.reached & START_HANDLING and not node.task.killed:
-                node = next_of(node.task)
-            if node in trail:
-                end = self._circle(node, trail)
-            elif node in self._known:
-                end = self._known[node]
-            else:
-                trail[node] = None
-                group = self._first_group(node)
-                if self.edges <= 0:
-                    return None
-                end = None if group else self._at_rest(node)
-                node = group[0] if group else node
-        self._known.update(dict.fromkeys(trail, end))
-        return end
 
-    def _first_group(self, node: Node) -> Group | None:
+    def steps(self, node: Node) -> tuple[list[Node], list[WaitFor]]:
+        """The first wait of a node. What has not begun is waited for by way of its beginning."""
         for group in needs(self._central, node):
-            self.edges -= 1
-            if group is not None or self.edges <= 0:
-                return group
+            self._count_edge()
+            if group is not None:
+                first = group[0]
+                if isinstance(first, Place) and not first.task.reached & START_HANDLING and not first.task.killed:
+                    first = next_of(first.task)
+                return [first], []
+        self._count_edge()
+        return [], [self._at_rest(node)]
+
+    def _count_edge(self) -> None:
+        if self.edges <= 0:
+            raise walker.TooFarError
         self.edges -= 1
-        return None
+
+    def circle(self, nodes: list[Node]) -> WaitFor:
+        """Nodes that wait for each other: told by the oldest task among them."""
+        tasks = [one.task for one in nodes if isinstance(one, Place)]
+        first = min(tasks, key=attrgetter("id"), default=None)
+        return WaitFor(WaitKind.CIRCLE, first.id if first else 0, first.message.name if first else "")
 
     def _at_rest(self, node: Node) -> WaitFor:
         match node:
@@ -366,11 +367,3 @@ class Ends:
                 return next(_without_node(self._central, node), reached)
             case _:
                 return next(iter(waits_of(self._central, node)), WaitFor(WaitKind.RUNNING))
-
-    @staticmethod
-    def _circle(node: Node, trail: Iterable[Node]) -> WaitFor:
-        """It waits for itself: told by a task that is in the circle."""
-        circle = list(trail)
-        circle = circle[circle.index(node) :]
-        task = next((one.task for one in circle if isinstance(one, Place)), None)
-        return WaitFor(WaitKind.CIRCLE, task.id if task else 0, task.message.name if task else "")

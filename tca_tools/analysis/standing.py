@@ -67,7 +67,7 @@ def _circle(at: RunAt, message: Message, until: float) -> GoingOn | None:
     found = next(iter(ends.of(message.id)), None)
     if found is None or found.kind is not WaitKind.CIRCLE:
         return None
-    members = [at.run.messages[one] for one in ends.circle(found.number) if one in at.run.messages]
+    members = [at.run.messages[one] for one in ends.members(found) if one in at.run.messages]
     closed, member = max((last_change(at.run, one, nextafter(at.moment, inf)), one.id) for one in members)
     step = PathStep(closed, until, Doing.CIRCLE, member, "")
     return GoingOn(Node(member), member != message.id, member, None, step)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from tca_tools.explain.ends import MOST, End, Ends
+from tca_tools.explain.ends import End, Ends
 from tca_tools.explain.keepers import Keepers, kept_out
 from tca_tools.explain.wait import Wait
 from tca_tools.explain.waits import NAMED, keepers_of, next_node, steps, waits_now
@@ -21,6 +21,7 @@ from tca_wire.text.measures import counted, duration, listed, run_time
 from tca_wire.text.waits_in_words import clauses, not_answered, reached, suspended_by
 from tca_wire.vocabulary import Scope
 from tca_wire.waits import WaitFor, WaitKind
+from tca_wire.waits.ends import MOST
 
 
 class Age(NamedTuple):
@@ -285,7 +286,7 @@ def last_of(at: RunAt, end: End, more: int = 0) -> Last:
 def _why_last(at: RunAt, end: End) -> str:
     task = at.tasks.get(end.number)
     if end.kind is WaitKind.CIRCLE:
-        others = [at.describe(one) for one in Ends.at(at).circle(end.number) if one != end.number]
+        others = [at.describe(one) for one in Ends.at(at).members(end) if one != end.number]
         return f"waits for itself by way of {listed(others)}"
     if task is None:
         return "has not been answered"
