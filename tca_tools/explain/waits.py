@@ -14,16 +14,15 @@ further nodes is a leaf: HANDLER, DELAY, CONDITION, RUNNING, and RESUME of what 
 
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
 from math import inf
 from operator import attrgetter, itemgetter
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from tca_tools.explain.keepers import Keepers, ahead_of_claim, kept_out, kept_since
 from tca_tools.explain.overlapping import children_within, has_many, worked_out
 from tca_tools.explain.retries import of_retry
-from tca_tools.explain.wait import Node, Wait, node_of
+from tca_tools.explain.wait import Node, Wait, lasting, node_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fates import watches, watching
 from tca_tools.journal.records import (
@@ -82,7 +81,8 @@ _OF_POINTS = (
     WaitKind.CONSTRAINT, WaitKind.SUBTASK, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.RECOVERY, WaitKind.LOCK,
     WaitKind.RESUME,
 )  # fmt: skip
-_LEAVES = (WaitKind.HANDLER, WaitKind.DELAY, WaitKind.CONDITION, WaitKind.RUNNING, WaitKind.PRESENCE)
+_KEPT = (WaitKind.RESOURCE, WaitKind.LOCK)
+"""Waits for a resource that others keep busy."""
 
 _Span = TypeVar("_Span", Queueing, Handling)
 _START, _SINCE, _SPAN = attrgetter("start"), itemgetter(0), attrgetter("start", "end")
@@ -94,33 +94,37 @@ _START, _SINCE, _SPAN = attrgetter("start"), itemgetter(0), attrgetter("start", 
 def waits_of(run: Run, number: int) -> list[Wait]:
     """All that a task or message ever waited for, oldest first; nothing of what is unknown."""
     message = run.messages.get(number)
+    if message is None:
+        return []
     if isinstance(message, Task) and has_many(message):
         return worked_out(run, (waits_of, number), lambda: _all_waits(run, message))
     return _all_waits(run, message)
 
 
-def _all_waits(run: Run, message: Message | None) -> list[Wait]:
-    found = list(_of_message(run, message)) if message else []
+def _all_waits(run: Run, message: Message) -> list[Wait]:
+    found: list[Wait] = []
     if isinstance(message, Task):
-        subtasks = [wait for one in (END_ACHIEVING, END_PLANNING) for wait in _subtasks(run, message, one)]
-        found = [*_of_task(run, message), *subtasks, *found]
+        found += _of_task(run, message)
+        for moment in (END_ACHIEVING, END_PLANNING):
+            found += _subtasks(run, message, moment)
+    found += _of_message(run, message)
     return [wait._replace(since=wait.start) for wait in sorted(found, key=_START)]
 
 
 def _of_message(run: Run, message: Message, time: float | None = None) -> Iterator[Wait]:
     """In queues, and while it is handled; only what goes on at a *time*."""
+    begun = message.time_of(START_HANDLING) if isinstance(message, Task) else -inf
     for queueing in (*_lasting(message.queueings, time), *run.copies.get(message.id, ())):
         if time is None or queueing.goes_on(time):
             kind = WaitKind.RESOURCE if queueing.module else WaitKind.HANDLER
-            is_first = isinstance(message, Task) and message.time_of(START_HANDLING) > queueing.start
-            holds = START_HANDLING if is_first else _ENDS
-            yield Wait(queueing.start, queueing.until, kind, Node(message.id), holds, queueing)
+            is_first = begun > queueing.start
+            yield lasting(queueing, kind, Node(message.id), START_HANDLING if is_first else _ENDS)
     is_one = isinstance(message, Task)  # of others there may be several at once
     for handling in _lasting(message.handlings, time if is_one else None):
         if time is None or handling.goes_on(time):
             waits = handling.waits if time is None else lately(handling.waits, time)
             if time is None or not waits:
-                yield Wait(handling.start, handling.until, WaitKind.RUNNING, node_of(run, handling), _ENDS, handling)
+                yield lasting(handling, WaitKind.RUNNING, node_of(run, handling), _ENDS)
             yield from (of_handler_wait(run, wait) for wait in waits)
 
 
@@ -128,7 +132,8 @@ def _lasting(spans: Sequence[_Span], time: float | None) -> Sequence[_Span]:
     """All spans, one after the other, or (at a *time*) the one that goes on then."""
     if time is None:
         return spans
-    return [one for one in [going_on(spans, time)] if one is not None]
+    one = going_on(spans, time)
+    return [one] if one is not None else []
 
 
 def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
@@ -136,7 +141,7 @@ def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
     kind = wait.kind
     if kind is WaitKind.TASK and not wait.moment:
         kind = WaitKind.LOCK if wait.awaited in run.claims else WaitKind.REPLY
-    return Wait(wait.start, wait.until, kind, Node(wait.awaited, int(wait.moment or 0)), _ENDS, wait, wait.start)
+    return lasting(wait, kind, Node(wait.awaited, int(wait.moment or 0)), _ENDS)
 
 
 def _subtasks(
@@ -147,7 +152,8 @@ def _subtasks(
     """
     last, number, begun = min(task.time_of(moment), over), 0, -inf
     others: list[float] = []
-    for child in _under(run, children_within(run, task, moment, since, over), moment, None):
+    children = children_within(run, task, moment, since, over)
+    for child in _under(run, children, moment, None):
         start, end = max(child.received, since), min(child.time_of(moment), last)
         if start >= end or (together and end - start < NO_TIME):
             continue
@@ -156,7 +162,8 @@ def _subtasks(
             others.append(end)
             continue
         others = []
-        yield Wait(start, end, WaitKind.SUBTASK, Node(child.id, moment), moment, others=others if together else ())
+        on = Node(child.id, moment)
+        yield Wait(start, end, WaitKind.SUBTASK, on, moment, others=others if together else ())
 
 
 def _under(run: Run, children: Sequence[TaskId], moment: int, time: float | None) -> list[Task]:
@@ -167,21 +174,27 @@ def _under(run: Run, children: Sequence[TaskId], moment: int, time: float | None
     rest = [*reversed(children)]
     while rest:
         child = run.tasks[rest.pop()]
-        is_watcher = moment == END_ACHIEVING and child.message_class.is_aside and not child.is_waited_for
-        is_kept = is_watcher and _is_kept(run, child, time)
-        if not is_watcher or is_kept:
+        is_aside = child.message_class.is_aside and not child.is_waited_for
+        if moment != END_ACHIEVING or not is_aside:
             found.append(child)
-        if is_watcher and not (is_kept and time is not None):
-            still = child.children if time is None else children_within(run, child, moment, time, time)
-            rest += reversed(still)
+            continue
+        if is_kept := _is_kept(run, child, time):
+            found.append(child)
+        if time is None:
+            rest += reversed(child.children)
+        elif not is_kept:
+            rest += reversed(children_within(run, child, moment, time, time))
     return found
 
 
 def _is_kept(run: Run, monitor: Task, time: float | None) -> bool:
     """Whether a constraint keeps a monitor from its end; what comes before it is handled once more does not."""
-    waits = (wait for hold in monitor.holds for wait in _of_constraint(run, monitor, hold, _killed(monitor)))
-    kept = (wait for wait in waits if wait.holds in (END_HANDLING, END_ACHIEVING) and wait.kind is not WaitKind.DELAY)
-    return any(time is None or wait.start <= time < wait.end for wait in kept)
+    for hold in monitor.holds:
+        for wait in _of_constraint(run, monitor, hold, _killed(monitor)):
+            is_end = wait.holds in (END_HANDLING, END_ACHIEVING)
+            if is_end and wait.kind is not WaitKind.DELAY and (time is None or wait.start <= time < wait.end):
+                return True
+    return False
 
 
 def _killed(task: Task) -> float:
@@ -196,10 +209,13 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
     if parent is not None and not task.role:
         for moment in (START_PLANNING, START_ACHIEVING):
             end = min(parent.time_of(moment), task.time_of(moment), killed)
-            found.append(Wait(task.received, end, WaitKind.PARENT, Node(parent.id, moment), moment))
+            on = Node(parent.id, moment)
+            found.append(Wait(task.received, end, WaitKind.PARENT, on, moment))
     found += [_of_suspension(task, suspension) for suspension in task.suspensions]
-    again = [wait for retry in reversed(task.retries) for wait in of_retry(run, task, retry, killed, _under)]
-    found += {(wait.on, wait.end): wait for wait in again}.values()  # retried twice before it is handled, it waits once
+    again: dict[object, Wait] = {}  # retried twice before it is handled, it waits once
+    for retry in reversed(task.retries):
+        again.update(((one.on, one.end), one) for one in of_retry(run, task, retry, killed, _under))
+    found += again.values()
     if task.caught_by or task.is_recovering or task.changes:
         found += _of_recovery(run, task)
     if task.message_class.is_monitor:
@@ -220,14 +236,17 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
     """
     before, moment, delay = hold.constraint.before, hold.constraint.after.moment, hold.constraint.delay
     is_anew = hold.tap is not None and task.time_of(moment) < hold.added  # it is to be handled once more
-    other, last = run.tasks.get(before.task), min(task.time_of(END_ACHIEVING if is_anew else moment), killed)
-    met = -inf if other is None else other.time_of(before.moment)
+    last = min(task.time_of(END_ACHIEVING if is_anew else moment), killed)
+    other, met = run.tasks.get(before.task), -inf
+    if other is not None:
+        met = other.time_of(before.moment)
     if other is not None and other is not task:
         kind = WaitKind.LISTENER if hold.tap else WaitKind.CONSTRAINT
-        holds = _ENDS if is_anew else int(moment)
-        yield Wait(hold.added, min(met, last), kind, Node(other.id, int(before.moment)), holds, hold)
+        on, holds = Node(other.id, int(before.moment)), _ENDS if is_anew else int(moment)
+        yield Wait(hold.added, min(met, last), kind, on, holds, hold)
     if delay:
-        yield Wait(max(met, hold.added), min(hold.over, last), WaitKind.DELAY, Node(task.id), int(moment), hold)
+        start, end = max(met, hold.added), min(hold.over, last)
+        yield Wait(start, end, WaitKind.DELAY, Node(task.id), int(moment), hold)
 
 
 def _of_suspension(task: Task, suspension: Suspension) -> Wait:
@@ -236,7 +255,7 @@ def _of_suspension(task: Task, suspension: Suspension) -> Wait:
     holds = _BEFORE[task.message_class.is_goal][START_ACHIEVING] & ~_past(task, start)
     if not holds and _is_to_be_handled_again(task, start):
         holds = _ENDS
-    return Wait(start, suspension.until, WaitKind.RESUME, Node(suspension.cause), holds, suspension)
+    return lasting(suspension, WaitKind.RESUME, Node(suspension.cause), holds)
 
 
 def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
@@ -269,8 +288,7 @@ def _is_to_be_handled_again(task: Task, time: float) -> bool:
 # --- at a moment -----------------------------------------------------------------------------------------------------
 
 
-@dataclass(slots=True)
-class _Kept:
+class _Kept(NamedTuple):
     """The waits and nodes that keep a node from coming about."""
 
     waits: list[Wait]
@@ -286,8 +304,7 @@ class _Kept:
 _NOTHING = _Kept([], [], [], [], [])
 
 
-@dataclass(slots=True)
-class _Turn:
+class _Turn(NamedTuple):
     """A message between two of its turns, when nothing changes that it waits for. So walks through all that waits cost
     what has changed.
     """
@@ -298,7 +315,7 @@ class _Turn:
     """The node that comes next."""
     waits: list[Wait]
     """The waits for it, except for children."""
-    kept: dict[Node, _Kept] = field(default_factory=dict)
+    kept: dict[Node, _Kept]
 
 
 def _turn(run: Run, message: Message, time: float) -> _Turn:
@@ -307,16 +324,18 @@ def _turn(run: Run, message: Message, time: float) -> _Turn:
     if known is None or known.number != number:
         waits, following = list(_of_message(run, message, time)), Node(message.id)
         if isinstance(message, Task):
-            waits = [*(one for one in _own(run, message, time, time) if one.start <= time < one.end), *waits]
+            waits[:0] = (one for one in _own(run, message, time, time) if one.start <= time < one.end)
             following = _next(message, time)
-        known = run.memo[message.id] = _Turn(number, following, waits)
+        known = run.memo[message.id] = _Turn(number, following, waits, {})
     return known
 
 
 def next_node(at: RunAt, number: int) -> Node:
     """The next node of a task, message or claim."""
     task = at.run.tasks.get(number)
-    return Node(number) if task is None or task.received > at.moment else _turn(at.run, task, at.moment).next
+    if task is None or task.received > at.moment:
+        return Node(number)
+    return _turn(at.run, task, at.moment).next
 
 
 def _next(task: Task, time: float) -> Node:
@@ -332,7 +351,8 @@ def _next_moment(task: Task, state: TaskState, time: float) -> int:
     if state is TaskState.QUEUED and task.time_of(START_HANDLING) > time:
         return START_HANDLING
     moment = _NEXT.get(state, END_ACHIEVING)
-    return END_ACHIEVING if moment == END_HANDLING and task.time_of(END_HANDLING) <= time else moment
+    is_past = moment == END_HANDLING and task.time_of(END_HANDLING) <= time
+    return END_ACHIEVING if is_past else moment
 
 
 def keeping(at: RunAt, node: Node) -> list[Wait]:
@@ -360,7 +380,7 @@ def _kept(at: RunAt, node: Node) -> _Kept:
         leaves: dict[WaitKind, None] = {}
         others: list[Wait] = []
         for wait in waits:
-            if _is_leaf(wait):
+            if wait.is_leaf:
                 leaves[wait.kind] = None
             elif wait.kind in _OF_POINTS:
                 nodes[wait.on] = None
@@ -371,22 +391,19 @@ def _kept(at: RunAt, node: Node) -> _Kept:
     return kept
 
 
-def _is_leaf(wait: Wait) -> bool:
-    is_own = isinstance(wait.record, Suspension) and wait.record.cause == wait.record.task
-    return wait.kind in _LEAVES or is_own or (wait.kind is WaitKind.CHANGE and not wait.on.number)
-
-
 def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float) -> tuple[list[Wait], list[Node]]:
     """Those of the waits that keep it from a node, and the subtasks that do."""
     if not isinstance(message, Task):
-        return [one for one in waits if not node.delivery or _delivery(one) == node.delivery], []
+        return [one for one in waits if node.delivery in (0, _delivery(one))], []
     if not node.moment:
         return [one for one in waits if one.kind is WaitKind.RESUME], []
     wanted = _moments(message, node.moment, time)
-    last = wanted & END_ACHIEVING or wanted & END_PLANNING  # what is achieved is planned
-    under = _under(run, children_within(run, message, last, time, time), last, time) if last else []
     found = [one for one in waits if one.holds & wanted or (wanted and _resumes(message, one, time))]
+    last = wanted & END_ACHIEVING or wanted & END_PLANNING  # what is achieved is planned
+    if not last:
+        return found, []
     named = {one.on for one in found if one.kind in (WaitKind.SUBTASK, WaitKind.RECOVERY)}
+    under = _under(run, children_within(run, message, last, time, time), last, time)
     subtasks = (Node(one.id, last) for one in under if one.received <= time < one.time_of(last))
     return found, [one for one in subtasks if one not in named]
 
@@ -410,15 +427,15 @@ def _moments(task: Task, moment: int, time: float) -> int:
     if task.time_of(moment) <= time:
         is_again = moment == END_HANDLING and (going_on(task.handlings, time) or task.was_retried(time))
         return END_HANDLING if is_again else 0  # it is handled again, or to be
-    if task.killed is not None and task.written("killed") <= time:  # it reaches none before its handler has returned
+    if _killed(task) <= time:  # it reaches none before its handler has returned
         return END_HANDLING | (moment & _ENDS)
     before = _BEFORE[task.message_class.is_goal]
     left = ~_past(task, time)
     found = before[moment] & left
-    own = [one.constraint for one in task.holds if one.constraint.before.task == task.id and one.added <= time]
-    for _ in own:  # each may add what the next one needs
-        for one in own:
-            found |= before[one.before.moment] & left if one.after.moment & found else 0
+    known = (one.constraint for one in task.holds if one.added <= time)
+    own = [one for one in known if one.before.task == task.id]
+    for one in own * len(own):  # each may add what the next one needs
+        found |= before[one.before.moment] & left if one.after.moment & found else 0
     return found
 
 
@@ -432,27 +449,31 @@ def _past(task: Task, time: float) -> int:
 
 def further(at: RunAt, wait: Wait) -> list[Node]:
     """The nodes that must come about before a wait is over; empty for a leaf, or if they are not known."""
-    if wait.kind in _OF_POINTS:
-        return [] if _is_leaf(wait) else [wait.on]
+    number = wait.on.number
+    if wait.is_leaf:
+        return []
+    if wait.kind is WaitKind.RESOURCE:
+        return _nodes(at, keepers_of(at, wait))
     if wait.kind is WaitKind.TASK:
-        task = at.run.tasks.get(wait.on.number)
-        return [wait.on] if task is not None and task.time_of(wait.on.moment) > at.moment else []
-    if wait.kind is WaitKind.CHANGE:
-        is_there = wait.on.number in at.run.tasks and at.tasks[TaskId(wait.on.number)].state not in OVER
-        return [next_node(at, wait.on.number)] if is_there else []
-    if wait.kind is WaitKind.REPLY:
-        message = at.run.messages.get(wait.on.number)
-        return [next_node(at, message.id)] if message and message.received <= at.moment else []
-    return _nodes(at, keepers_of(at, wait)) if wait.kind is WaitKind.RESOURCE else []
+        task = at.run.tasks.get(number)
+        is_to_come = task is not None and task.time_of(wait.on.moment) > at.moment
+    elif wait.kind is WaitKind.CHANGE:
+        is_to_come = number in at.tasks and at.tasks[number].state not in OVER
+    elif wait.kind is WaitKind.REPLY:
+        is_to_come = number in at.run.messages and at.run.messages[number].received <= at.moment
+    else:
+        return [wait.on]
+    on = wait.on if wait.kind is WaitKind.TASK else next_node(at, number)
+    return [on] if is_to_come else []
 
 
 def keepers_of(at: RunAt, wait: Wait) -> Keepers:
     """The keepers of a resource from a queued message (RESOURCE) or a lock (LOCK)."""
-    if isinstance(wait.record, Queueing):
-        message = at.run.messages.get(wait.record.message_id)
-        return kept_out(at, wait.record.module, wait.record.resource, message) if message else Keepers()
-    claim = at.run.claims.get(wait.on.number)
-    return ahead_of_claim(at, claim) if claim is not None and not at.is_granted(claim) else Keepers()
+    queueing, claim = wait.record, at.run.claims.get(wait.on.number)
+    if isinstance(queueing, Queueing):
+        message = at.run.messages.get(queueing.message_id)
+        return kept_out(at, queueing.module, queueing.resource, message) if message else Keepers()
+    return Keepers() if claim is None or at.is_granted(claim) else ahead_of_claim(at, claim)
 
 
 def _nodes(at: RunAt, by: Keepers) -> list[Node]:
@@ -481,11 +502,13 @@ def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
     """
     if not at.is_granted(claim):
         by = ahead_of_claim(at, claim)
-        return [*(node_of(at.run, one) for one in by.runs), *([Node(by.claim.id)] if by.claim else [])], []
+        nodes = [node_of(at.run, one) for one in by.runs]
+        return nodes + [Node(one.id) for one in (by.claim,) if one is not None], []
     if claim.by is None:
         sender = at.run.modules.get(claim.sender)
-        waits = lately(sender.waits, at.moment) if sender else []
-        nodes = [node for wait in waits for node in further(at, of_handler_wait(at.run, wait))]
+        nodes = []
+        for wait in lately(sender.waits, at.moment) if sender else ():
+            nodes += further(at, of_handler_wait(at.run, wait))
         return nodes, [] if nodes else [WaitKind.LOCKED]
     task = at.tasks.get(claim.by.message_id)
     if claim.by.until > at.moment:
@@ -497,11 +520,12 @@ def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
 
 def held_above(at: RunAt, number: int) -> Iterator[tuple[int, Hold]]:
     """The constraints of tasks above that keep a task from what it comes to next, each with whose it is."""
-    above = [wait.on for wait in _kept(at, next_node(at, number)).waits if wait.kind is WaitKind.PARENT]
-    for node in above:  # grows while it is walked
-        waits = _kept(at, node).waits
-        yield from ((node.number, wait.record) for wait in waits if isinstance(wait.record, Hold))
-        above += [wait.on for wait in waits if wait.kind is WaitKind.PARENT]
+    way = [next_node(at, number)]
+    for node in way:  # grows while it is walked
+        for wait in _kept(at, node).waits:
+            if isinstance(wait.record, Hold) and node is not way[0]:
+                yield node.number, wait.record
+            way += [wait.on] * (wait.kind is WaitKind.PARENT)
 
 
 # --- as people are told ----------------------------------------------------------------------------------------------
@@ -512,23 +536,34 @@ def waits_now(at: RunAt, number: int) -> list[Wait]:
     the resource busy. The newest of many subtasks stands for all but the first ones.
     """
     kept = _kept(at, next_node(at, number))
-    first, newest = kept.subtasks[:-1][:NAMED], kept.subtasks[-1:]
-    others = (inf,) * (len(kept.subtasks) - len(first) - 1)
-    waits = [*kept.waits, *(_subtask(at.run, one) for one in first), *(_subtask(at.run, one, others) for one in newest)]
+    waits = [*kept.waits, *(_subtask(at.run, one) for one in kept.subtasks[:-1][:NAMED])]
+    if kept.subtasks:
+        left = max(len(kept.subtasks) - NAMED - 1, 0)
+        waits.append(_subtask(at.run, kept.subtasks[-1], (inf,) * left))
     task = at.run.tasks.get(number)
-    place = task.place_at(at.moment) if task else 0
-    if task is not None and task.stage(place)[1] is TaskState.SUSPENDED:
+    if task is None:
+        return [_told(at, wait) for wait in waits]
+    place = task.place_at(at.moment)
+    since, state = task.stage(place)
+    if state is TaskState.SUSPENDED:
         waits = [*_still_running(at, task), *waits]
-    return [_told(at, number, task, place, wait) for wait in waits]
+    told = []
+    for wait in waits:
+        if _is_of_state(wait, state):
+            start = max(wait.start, since)
+            told.append(wait._replace(start=start, since=min(_begun(task, place), start)))
+        else:
+            told.append(_told(at, wait))
+    return told
 
 
-def _told(at: RunAt, number: int, task: Task | None, place: int, wait: Wait) -> Wait:
-    if task is not None and _is_of_state(wait, task.stage(place)[1]):
-        since, begun = task.stage(place)[0], _begun(task, place)
-        return wait._replace(start=max(wait.start, since), since=min(begun, max(wait.start, since)))
-    if wait.kind in (WaitKind.RESOURCE, WaitKind.LOCK):
-        return wait._replace(start=kept_since(at, keepers_of(at, wait), wait.start), since=wait.start)
-    start = max(wait.start, _last_outcome(at, number)) if wait.kind is WaitKind.CONDITION else wait.start
+def _told(at: RunAt, wait: Wait) -> Wait:
+    """A wait since its cause is the cause."""
+    start = wait.start
+    if wait.kind in _KEPT:
+        return wait._replace(start=kept_since(at, keepers_of(at, wait), start), since=start)
+    if wait.kind is WaitKind.CONDITION:
+        start = max(start, _last_outcome(at, wait.on.number))
     return wait._replace(start=start, since=start)
 
 
@@ -546,23 +581,23 @@ def told_waits(run: Run, task: Task, *, together: bool = False) -> list[Wait]:
     for from one time on, the last that is named stands for the rest.
     """
     found: list[Wait] = []
-    own, handled = Overlaps(_of_task(run, task), _SPAN), Overlaps(_of_message(run, task), _SPAN)
+    own = Overlaps(_of_task(run, task), _SPAN)
+    handled = Overlaps(_of_message(run, task), _SPAN)
     for place, (since, over, state) in enumerate(task.spans()):
         if state in OVER or over - since < NO_TIME:
             continue
         wanted, begun = _moments_in_state(task, state, since), _begun(task, place)
-        lasts = [one for one in (END_ACHIEVING, END_PLANNING) if one & wanted]
-        subtasks = [wait for one in lasts for wait in _subtasks(run, task, one, since, over, together=together)]
-        waits = [
-            *((one.start, one) for one in own.within(since, over)),
-            *((run.tasks[one.on.number].received, one) for one in subtasks),
-            *((one.start, one) for one in handled.within(since, over)),
-        ]
+        waits = [(one.start, one) for one in own.within(since, over)]
+        for moment in (END_ACHIEVING, END_PLANNING):
+            if moment & wanted:
+                some = _subtasks(run, task, moment, since, over, together=together)
+                waits += ((run.tasks[one.on.number].received, one) for one in some)
+        waits += ((one.start, one) for one in handled.within(since, over))
         for _, wait in sorted(waits, key=_SINCE):
             start, end = max(wait.start, since), min(wait.end, over)
             if wait.holds & wanted and end - start >= NO_TIME:
                 of_all = min(begun, start) if _is_of_state(wait, state) else start
-                found.append(Wait(start, end, wait.kind, wait.on, wait.holds, wait.record, of_all, wait.others))
+                found.append(wait._replace(start=start, end=end, since=of_all))
     return sorted(found, key=_START)
 
 
@@ -587,5 +622,7 @@ def _begun(task: Task, place: int) -> float:
 
 def _still_running(at: RunAt, task: Task) -> Iterator[Wait]:
     """The handlers under a suspended task that still work."""
-    for run in at.ran_on(at.tasks[task.id]):
-        yield Wait(max(at.tasks[task.id].since, run.start), run.until, WaitKind.RUNNING, node_of(at.run, run), 0, run)
+    now = at.tasks[task.id]
+    for run in at.ran_on(now):
+        wait = lasting(run, WaitKind.RUNNING, node_of(at.run, run), 0)
+        yield wait._replace(start=max(now.since, run.start))
