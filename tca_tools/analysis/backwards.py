@@ -186,7 +186,7 @@ class Causes:
             if hold.over == time and isinstance(message, Task):
                 start, cause = delay_of(self._run, message, hold)
                 start = start if start < time else min(hold.added, time)  # it counts from when it was asked for
-                return PathStep(start, time, Doing.DELAY, message.id, ""), _At(start, cause)
+                return PathStep(start, time, Doing.DELAY, message.id), _At(start, cause)
         if message.received == time:
             return None, (_At(time, message.about) if message.about in self._run.messages else None)
         return self._cut_off(message, at)
@@ -199,7 +199,7 @@ class Causes:
         start = monitor.reached.get(Moment.START_HANDLING, monitor.received)
         if start >= time:
             return None, _At(time, monitor.id)
-        return PathStep(start, time, Doing.WATCHING, monitor.id, ""), _At(start, monitor.id)
+        return PathStep(start, time, Doing.WATCHING, monitor.id), _At(start, monitor.id)
 
     def _cut_off(self, message: Message, at: _At) -> _Back:
         """It was killed or suspended then, or somebody no longer waited for it: back to what it waited for itself."""
@@ -210,7 +210,7 @@ class Causes:
             return self._in_vain(at.wait, at.time)
         since = last_change(self._run, message, at.time)
         doing = Doing.KILLED if was_killed else Doing.UNKNOWN
-        return PathStep(since, at.time, doing, message.id, ""), _At(since, message.id)
+        return PathStep(since, at.time, doing, message.id), _At(since, message.id)
 
     def _going_on(self, message: Message, time: float) -> _Back | None:
         """Back to what something waited for just before a time."""
@@ -228,14 +228,14 @@ class Causes:
         if message is not None and (back := self._going_on(message, time)) is not None:
             return back
         message_id, run = (wait.by.message_id, wait.by) if isinstance(wait.by, Handling) else (wait.awaited, None)
-        return PathStep(wait.start, time, Doing.UNKNOWN, wait.awaited, ""), _At(wait.start, message_id, run)
+        return PathStep(wait.start, time, Doing.UNKNOWN, wait.awaited), _At(wait.start, message_id, run)
 
 
 def _resumed(task: Task, time: float) -> PathStep | None:
     """The part of a suspension that was over then in which nothing ran any more."""
     for one in task.suspensions:
         if one.end == time and (since := one.standstill) is not None and since < time:
-            return PathStep(since, time, Doing.SUSPENDED, one.cause, "")
+            return PathStep(since, time, Doing.SUSPENDED, one.cause)
     return None
 
 
