@@ -195,7 +195,7 @@ def condition_of(monitor: Task) -> WaitFor:
     return WaitFor(WaitKind.CONDITION, number, name, holds=watch.holds)
 
 
-def wait_for_group(central: State, node: Place | Releasing, group: Group) -> WaitFor:
+def wait_for_group(central: State, node: Place, group: Group) -> WaitFor:
     """The wait of a node for one group of the graph."""
     match group[0]:
         case Place(other, moment):
@@ -203,7 +203,7 @@ def wait_for_group(central: State, node: Place | Releasing, group: Group) -> Wai
             if wait.kind is WaitKind.LISTENER:
                 return replace(wait, module=next(iter(other.context.tap.holders), ""))
             return wait
-        case Returning(one) | Turn(one) if isinstance(node, Place) and one is not node.task:
+        case Returning(one) | Turn(one) if one is not node.task:
             return condition_of(node.task)
         case Turn(delivery):
             return _whereabouts(central, delivery)
@@ -212,9 +212,7 @@ def wait_for_group(central: State, node: Place | Releasing, group: Group) -> Wai
     raise AssertionError(f"{node} never waits for {group[0]}")
 
 
-def _kind(node: Place | Releasing, other: Task, moment: int) -> WaitKind:
-    if not isinstance(node, Place):
-        return WaitKind.TASK
+def _kind(node: Place, other: Task, moment: int) -> WaitKind:
     task, above = node.task, other.parent
     if other is task.parent and moment & together(node):
         return WaitKind.PARENT
