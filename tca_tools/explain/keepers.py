@@ -53,11 +53,13 @@ def kept_out(at: RunAt, module: str, resource: str, message: Message | TaskAt) -
     held_by = at.held_by(module, resource)
     if held_by is None:
         line = _line_at(at, module, resource)
-        if line.wanted and (line.has_room or line.inside or line.wanted[0].start < _came(at.run, message.id)):
-            return Keepers(claim=line.wanted[0])
+        first = line.wanted[0] if line.wanted else None
+        if first and (line.has_room or line.inside or first.start < _came(at.run, message.id)):
+            return Keepers(claim=first)
     elif not (held_by.is_reserved and held_by.sender == _sent_by(at.run, message.id)):
         return Keepers(claim=held_by)
-    return Keepers(tuple(run for run in at.running(module, resource) if run.message_id != message.id))
+    runs = at.running(module, resource)
+    return Keepers(tuple(run for run in runs if run.message_id != message.id))
 
 
 def ahead_of_claim(at: RunAt, claim: Claim) -> Keepers:
@@ -72,7 +74,8 @@ def ahead_of_claim(at: RunAt, claim: Claim) -> Keepers:
     while run is not None:  # and what it was called back by waits in the same slot
         own.add(id(run))
         run = line.called_back_by.get(id(run))
-    runs = tuple(run for run in at.inside(claim.module, claim.resource) if id(run) not in own)
+    inside = at.inside(claim.module, claim.resource)
+    runs = tuple(run for run in inside if id(run) not in own)
     return Keepers(runs, line.wanted[before - 1] if before else None)
 
 
@@ -120,7 +123,8 @@ def _came(run: Run, number: int) -> float:
     message = run.messages.get(number)
     if message is None:
         return 0.0
-    return min((one[0].start for one in (message.queueings, message.handlings) if one), default=message.received)
+    first = (one[0].start for one in (message.queueings, message.handlings) if one)
+    return min(first, default=message.received)
 
 
 def _sent_by(run: Run, number: int) -> str:
