@@ -6,7 +6,7 @@ every change of its keeper: that costs what happened in the resource meanwhile, 
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
-from math import inf
+from itertools import pairwise
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -149,35 +149,36 @@ def parts_of_claim(run: Run, wait: HandlerWait, claim: Claim) -> list[WaitPart]:
     return _parts(run, wait, copies, claim.resource, lambda at: ahead_of_claim(at, claim))
 
 
-def _turns(run: Run, modules: list[str], resource: str, start: float, end: float) -> Iterator[float | None]:
+def _turns(run: Run, modules: list[str], resource: str, start: float, end: float) -> Iterator[float]:
     """When the keepers of a resource may have changed."""
     for module in modules:
         runs = run.runs.get((module, resource), [])
         first, last = (bisect_right(runs, time, key=attrgetter("start")) for time in (start, end))
-        for handling in (*(runs[first - 1].beside if first else ()), *runs[max(first - 1, 0) : last]):
-            yield from (handling.start, handling.end)
+        beside = runs[first - 1].beside if first else ()
+        for handling in (*beside, *runs[max(first - 1, 0) : last]):
+            yield from (handling.start, handling.until)
         if known := run.modules.get(module):
             yield from (time for time, _ in known.sizes.get(resource, ()))
     for claim in run.asked_for(modules[0], resource) if modules else ():
-        yield from (claim.start, claim.granted, claim.end, claim.by.end if claim.by else None)
+        yield from (claim.start, claim.until)
+        if claim.granted is not None:
+            yield claim.granted
+        if claim.by is not None:
+            yield claim.by.until
 
 
 def _parts(
-    run: Run,
-    wait: Queueing | HandlerWait,
-    modules: list[str],
-    resource: str,
-    keepers: Callable[[RunAt], Keepers],
-) -> list[WaitPart]:
-    start, end = wait.start, inf if wait.end is None else wait.end
+    run: Run, wait: Queueing | HandlerWait, modules: list[str], resource: str, keepers: Callable[[RunAt], Keepers]
+) -> list[WaitPart]:  # fmt: skip
+    start, end = wait.start, wait.until
     turns = _turns(run, modules, resource, start, end)
-    stops = [start, *sorted({time for time in turns if time is not None and start < time < end})]
-    found: list[WaitPart] = []
-    for stop, after in zip(stops, [*stops[1:], end], strict=True):
+    stops = sorted({time for time in turns if start < time < end})
+    found: list[tuple[float, Keepers]] = []
+    for stop, after in pairwise([start, *stops, end]):
         if after - stop < _NO_TIME and (found or after < end):
             continue
         by = keepers(RunAt(run, stop))
-        if not found or not by.are(found[-1].by):
-            found.append(WaitPart(stop if found else start, after, by))
-    ends = [*(part.start for part in found[1:]), end]
-    return [part._replace(end=end) for part, end in zip(found, ends, strict=True)]
+        if not found or not by.are(found[-1][1]):
+            found.append((stop if found else start, by))
+    ends = [*(since for since, _ in found[1:]), end]
+    return [WaitPart(since, until, by) for (since, by), until in zip(found, ends, strict=True)]
