@@ -41,7 +41,7 @@ from tca_tools.journal.records import (
     lately,
 )
 from tca_tools.journal.whole_run import Run
-from tca_tools.spans import Overlaps
+from tca_tools.spans import Overlaps, Span
 from tca_wire.points import (
     END_ACHIEVING,
     END_HANDLING,
@@ -54,6 +54,7 @@ from tca_wire.points import (
 from tca_wire.rules import rules_of
 from tca_wire.waits import WaitKind
 
+ALWAYS = -inf, inf
 NO_TIME = 1e-6
 """Seconds: what lasts no longer is no wait to tell of."""
 NAMED = 3
@@ -75,12 +76,10 @@ _NEXT = {
 _ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
 """The moments that come after its handler has returned."""
 _BEGINNING = START_HANDLING | START_PLANNING | START_ACHIEVING
-_OF_ITS_STATE = (WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.DELAY, WaitKind.SUBTASK)
+_OF_ORDER = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.SUBTASK}
+_OF_ITS_STATE = _OF_ORDER | {WaitKind.DELAY}
 """Causes that keep a task only since it is in its state: before that something else did."""
-_OF_POINTS = (
-    WaitKind.CONSTRAINT, WaitKind.SUBTASK, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.RECOVERY, WaitKind.LOCK,
-    WaitKind.RESUME,
-)  # fmt: skip
+_OF_POINTS = _OF_ORDER | {WaitKind.RECOVERY, WaitKind.LOCK, WaitKind.RESUME}
 _KEPT = (WaitKind.RESOURCE, WaitKind.LOCK)
 """Waits for a resource that others keep busy."""
 
@@ -113,27 +112,29 @@ def _all_waits(run: Run, message: Message) -> list[Wait]:
 
 def _of_message(run: Run, message: Message, time: float | None = None) -> Iterator[Wait]:
     """In queues, and while it is handled; only what goes on at a *time*."""
-    begun = message.time_of(START_HANDLING) if isinstance(message, Task) else -inf
-    for queueing in (*_lasting(message.queueings, time), *run.copies.get(message.id, ())):
-        if time is None or queueing.goes_on(time):
-            kind = WaitKind.RESOURCE if queueing.module else WaitKind.HANDLER
-            is_first = begun > queueing.start
-            yield lasting(queueing, kind, Node(message.id), START_HANDLING if is_first else _ENDS)
     is_one = isinstance(message, Task)  # of others there may be several at once
-    for handling in _lasting(message.handlings, time if is_one else None):
-        if time is None or handling.goes_on(time):
-            waits = handling.waits if time is None else lately(handling.waits, time)
-            if time is None or not waits:
-                yield lasting(handling, WaitKind.RUNNING, node_of(run, handling), _ENDS)
-            yield from (of_handler_wait(run, wait) for wait in waits)
+    begun = message.time_of(START_HANDLING) if isinstance(message, Task) else -inf
+    queueings = _lasting(message.queueings, time)
+    copies = _lasting(run.copies.get(message.id, ()), time, is_one=False)
+    for queueing in (*queueings, *copies):
+        kind = WaitKind.RESOURCE if queueing.module else WaitKind.HANDLER
+        holds = START_HANDLING if begun > queueing.start else _ENDS
+        yield lasting(queueing, kind, Node(message.id), holds)
+    for handling in _lasting(message.handlings, time, is_one=is_one):
+        waits = handling.waits if time is None else lately(handling.waits, time)
+        if time is None or not waits:
+            yield lasting(handling, WaitKind.RUNNING, node_of(run, handling), _ENDS)
+        yield from (of_handler_wait(run, wait) for wait in waits)
 
 
-def _lasting(spans: Sequence[_Span], time: float | None) -> Sequence[_Span]:
-    """All spans, one after the other, or (at a *time*) the one that goes on then."""
+def _lasting(spans: Sequence[_Span], time: float | None, *, is_one: bool = True) -> Sequence[_Span]:
+    """All spans, or (at a *time*) those that go on then: *is_one*, if they come one after the other."""
     if time is None:
         return spans
-    one = going_on(spans, time)
-    return [one] if one is not None else []
+    if not is_one:
+        return [one for one in spans if one.goes_on(time)]
+    last = going_on(spans, time)
+    return [last] if last is not None else []
 
 
 def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
@@ -144,12 +145,11 @@ def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
     return lasting(wait, kind, Node(wait.awaited, int(wait.moment or 0)), _ENDS)
 
 
-def _subtasks(
-    run: Run, task: Task, moment: int, since: float = -inf, over: float = inf, *, together: bool = False
-) -> Iterator[Wait]:
+def _subtasks(run: Run, task: Task, moment: int, window: Span = ALWAYS, *, together: bool = False) -> Iterator[Wait]:
     """The waits for tasks right under a task, which keep it from being planned or achieved, as far as they lie between
     two times. *together*: of those that begin at one time, only the first ones, of which the last stands for the rest.
     """
+    since, over = window
     last, number, begun = min(task.time_of(moment), over), 0, -inf
     others: list[float] = []
     children = children_within(run, task, moment, since, over)
@@ -162,8 +162,8 @@ def _subtasks(
             others.append(end)
             continue
         others = []
-        on = Node(child.id, moment)
-        yield Wait(start, end, WaitKind.SUBTASK, on, moment, others=others if together else ())
+        wait = Wait(start, end, WaitKind.SUBTASK, Node(child.id, moment), moment)
+        yield wait._replace(others=others) if together else wait
 
 
 def _under(run: Run, children: Sequence[TaskId], moment: int, time: float | None) -> list[Task]:
@@ -191,8 +191,8 @@ def _is_kept(run: Run, monitor: Task, time: float | None) -> bool:
     """Whether a constraint keeps a monitor from its end; what comes before it is handled once more does not."""
     for hold in monitor.holds:
         for wait in _of_constraint(run, monitor, hold, _killed(monitor)):
-            is_end = wait.holds in (END_HANDLING, END_ACHIEVING)
-            if is_end and wait.kind is not WaitKind.DELAY and (time is None or wait.start <= time < wait.end):
+            is_of_end = wait.holds in (END_HANDLING, END_ACHIEVING) and wait.kind is not WaitKind.DELAY
+            if is_of_end and (time is None or wait.start <= time < wait.end):
                 return True
     return False
 
@@ -203,8 +203,9 @@ def _killed(task: Task) -> float:
 
 def _of_task(run: Run, task: Task) -> Iterator[Wait]:
     """The waits of a task other than for queues, handlers and its children."""
-    killed = _killed(task)
-    found = [wait for hold in task.holds for wait in _of_constraint(run, task, hold, killed)]
+    killed, found = _killed(task), list[Wait]()
+    for hold in task.holds:
+        found += _of_constraint(run, task, hold, killed)
     parent = run.tasks.get(task.parent)
     if parent is not None and not task.role:
         for moment in (START_PLANNING, START_ACHIEVING):
@@ -214,12 +215,13 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
     found += [_of_suspension(task, suspension) for suspension in task.suspensions]
     again: dict[object, Wait] = {}  # retried twice before it is handled, it waits once
     for retry in reversed(task.retries):
-        again.update(((one.on, one.end), one) for one in of_retry(run, task, retry, killed, _under))
+        for wait in of_retry(run, task, retry, killed, _under):
+            again[wait.on, wait.end] = wait
     found += again.values()
     if task.caught_by or task.is_recovering or task.changes:
         found += _of_recovery(run, task)
     if task.message_class.is_monitor:
-        found += [Wait(start, end, WaitKind.CONDITION, Node(task.id), _ENDS) for start, end in watching(task)]
+        found += [Wait(*span, WaitKind.CONDITION, Node(task.id), _ENDS) for span in watching(task)]
     return (wait for wait in found if wait.start < wait.end)
 
 
@@ -227,26 +229,28 @@ def _own(run: Run, task: Task, start: float, end: float) -> Iterable[Wait]:
     """Those of a task that go on between two times, perhaps with others."""
     if not has_many(task):
         return _of_task(run, task)
-    return worked_out(run, (_own, task.id), lambda: Overlaps(_of_task(run, task), _SPAN)).within(start, end)
+    known = worked_out(run, (_own, task.id), lambda: Overlaps(_of_task(run, task), _SPAN))
+    return known.within(start, end)
 
 
 def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[Wait]:
     """Until a point is reached; then, if it has a delay, until that is over. One between two moments of the task itself
     is none of its own: what holds the first holds the second, too (``_moments``).
     """
-    before, moment, delay = hold.constraint.before, hold.constraint.after.moment, hold.constraint.delay
-    is_anew = hold.tap is not None and task.time_of(moment) < hold.added  # it is to be handled once more
+    before, moment = hold.constraint.before, int(hold.constraint.after.moment)
+    # whether it is to be handled once more
+    is_anew = hold.tap is not None and task.time_of(moment) < hold.added
     last = min(task.time_of(END_ACHIEVING if is_anew else moment), killed)
     other, met = run.tasks.get(before.task), -inf
     if other is not None:
         met = other.time_of(before.moment)
     if other is not None and other is not task:
         kind = WaitKind.LISTENER if hold.tap else WaitKind.CONSTRAINT
-        on, holds = Node(other.id, int(before.moment)), _ENDS if is_anew else int(moment)
-        yield Wait(hold.added, min(met, last), kind, on, holds, hold)
-    if delay:
+        on = Node(other.id, int(before.moment))
+        yield Wait(hold.added, min(met, last), kind, on, _ENDS if is_anew else moment, hold)
+    if hold.constraint.delay:
         start, end = max(met, hold.added), min(hold.over, last)
-        yield Wait(start, end, WaitKind.DELAY, Node(task.id), int(moment), hold)
+        yield Wait(start, end, WaitKind.DELAY, Node(task.id), moment, hold)
 
 
 def _of_suspension(task: Task, suspension: Suspension) -> Wait:
@@ -262,17 +266,18 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
     """The exception handlers that decide, one after the other, and those for failures raised beside its handler."""
     called = [run.tasks[number] for number in task.caught_by if number in run.tasks]
     known = [run.tasks[number] for number in task.deciders if number in run.tasks]
-    ends = {one.id: later.received for one, later in pairwise(known)}
-    spans = {one.id: (one.received, min(ends.get(one.id, inf), one.time_of(END_ACHIEVING))) for one in called}
-    deciding = Overlaps(called, lambda handler: spans[handler.id]) if called else None
+    until = {one.id: later.received for one, later in pairwise(known)}
+    waits = []
+    for one in called:
+        end = min(until.get(one.id, inf), one.time_of(END_ACHIEVING))
+        waits.append(Wait(one.received, end, WaitKind.RECOVERY, Node(one.id, END_ACHIEVING), _ENDS))
+    if not called:  # the journal begins later
+        waits = [Wait(-inf, inf, WaitKind.RECOVERY, Node(0), _ENDS)]
+    deciding = Overlaps(waits, _SPAN)
     for since, over, state in task.spans():
         if state is TaskState.RECOVERING:
-            if deciding is None:  # the journal begins later
-                yield Wait(since, over, WaitKind.RECOVERY, Node(0), _ENDS)
-            for handler in deciding.within(since, over) if deciding is not None else ():
-                start, end = spans[handler.id]
-                on = Node(handler.id, END_ACHIEVING)
-                yield Wait(max(since, start), min(over, end), WaitKind.RECOVERY, on, _ENDS)
+            for wait in deciding.within(since, over):
+                yield wait._replace(start=max(since, wait.start), end=min(over, wait.end))
 
 
 def _is_to_be_handled_again(task: Task, time: float) -> bool:
@@ -358,7 +363,7 @@ def _next_moment(task: Task, state: TaskState, time: float) -> int:
 def keeping(at: RunAt, node: Node) -> list[Wait]:
     """The waits that keep a task from a moment, or a message from being answered."""
     kept = _kept(at, node)
-    return [*kept.waits, *(_subtask(at.run, one) for one in kept.subtasks)]
+    return kept.waits + [_subtask(at.run, one) for one in kept.subtasks]
 
 
 def _subtask(run: Run, node: Node, others: Sequence[float] = ()) -> Wait:
@@ -590,7 +595,7 @@ def told_waits(run: Run, task: Task, *, together: bool = False) -> list[Wait]:
         waits = [(one.start, one) for one in own.within(since, over)]
         for moment in (END_ACHIEVING, END_PLANNING):
             if moment & wanted:
-                some = _subtasks(run, task, moment, since, over, together=together)
+                some = _subtasks(run, task, moment, (since, over), together=together)
                 waits += ((run.tasks[one.on.number].received, one) for one in some)
         waits += ((one.start, one) for one in handled.within(since, over))
         for _, wait in sorted(waits, key=_SINCE):
