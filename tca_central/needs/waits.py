@@ -40,11 +40,9 @@ from tca_wire.points import (
     STARTS,
 )
 from tca_wire.vocabulary import Role
-from tca_wire.waits import WaitFor, WaitKind
+from tca_wire.waits import NAMED, WaitFor, WaitKind, first_ones
 from tca_wire.waits import ends as walker
 
-NAMED = 3
-"""Things of one kind that are told one by one."""
 _ORDER = {WaitKind.RECOVERY: 0, WaitKind.PARENT: 2}
 """Exception handlers that decide are told first, the beginning of the parent last."""
 _LOOKED_AT = 10_000
@@ -104,12 +102,7 @@ def _compact(waits: Iterable[WaitFor]) -> list[WaitFor]:
     groups: dict[object, list[WaitFor]] = {}
     for wait in dict.fromkeys(waits):
         groups.setdefault((wait.kind, wait.moment), []).append(wait)
-    found: list[WaitFor] = []
-    for group in groups.values():
-        found += group[:NAMED]
-        if more := len(group) - len(group[:NAMED]):
-            found[-1] = replace(found[-1], more=found[-1].more + more)
-    return found
+    return [wait for group in groups.values() for wait in first_ones(group, len(group))]
 
 
 # --- tasks -----------------------------------------------------------------------------------------------------------

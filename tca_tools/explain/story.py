@@ -11,7 +11,7 @@ from tca_tools.explain.deciding import decisions, exhausted, passed_on, retried
 from tca_tools.explain.keepers import WaitPart, parts_in_queue, parts_of_claim
 from tca_tools.explain.wait import Wait
 from tca_tools.explain.wait_words import of_ahead, of_claim, of_query, of_queueing, told, wait_for
-from tca_tools.explain.waits import NAMED, NO_TIME, of_handler_wait, told_waits
+from tca_tools.explain.waits import NO_TIME, of_handler_wait, told_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.coordinators import agent_task
 from tca_tools.journal.fates import WATCHING, told_to
@@ -26,7 +26,7 @@ from tca_wire.text.measures import counted, listed
 from tca_wire.text.printable import first_line
 from tca_wire.text.waits_in_words import in_words, several_in_words, suspended_by, whereabouts
 from tca_wire.vocabulary import Outcome
-from tca_wire.waits import WaitFor, WaitKind
+from tca_wire.waits import NAMED, WaitFor, WaitKind
 
 NOT_HANDLED = "no exception handler handled that"
 """Of a task that failed and was killed for that: how it failed is said already."""

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from tca_tools.explain.ends import End, Ends
 from tca_tools.explain.keepers import Keepers, kept_out
 from tca_tools.explain.wait import Wait
-from tca_tools.explain.waits import NAMED, keepers_of, next_node, steps, waits_now
+from tca_tools.explain.waits import keepers_of, next_node, steps, waits_now
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.records import OVER, Claim, EventAhead, HandlerWait, Handling, Hold, Message, Queueing, TaskState
 from tca_wire.points import ROOT, describe_moments
@@ -20,7 +20,7 @@ from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import counted, duration, listed, run_time
 from tca_wire.text.waits_in_words import clauses, not_answered, reached, suspended_by
 from tca_wire.vocabulary import Scope
-from tca_wire.waits import WaitFor, WaitKind
+from tca_wire.waits import NAMED, WaitFor, WaitKind, first_ones
 from tca_wire.waits.ends import MOST
 
 
@@ -50,18 +50,12 @@ def told(at: RunAt, waits: Iterable[Wait], *, however: bool = False) -> list[Wai
     for group in groups.values():
         number = sum(1 + len(wait.others) for wait in group)
         first = [wait_for(at, wait, however=however) for wait in group[:NAMED]]
-        found += _some(first, number)
+        found += first_ones(first, number)
     return found
 
 
 _ALONE = (WaitKind.RESOURCE, WaitKind.LOCK, WaitKind.REPLY, WaitKind.DELAY, WaitKind.LISTENER)
 """Each is told with what keeps it up."""
-
-
-def _some(waits: list[WaitFor], number: int) -> list[WaitFor]:
-    """The first of so many; the last of them says how many more there are."""
-    more = number - len(waits)
-    return [*waits[:-1], replace(waits[-1], more=more)] if more > 0 else waits
 
 
 def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
@@ -139,8 +133,8 @@ def of_queueing(at: RunAt, queueing: Queueing, by: Keepers) -> WaitFor:
 
 
 def _because(at: RunAt, by: Keepers) -> tuple[WaitFor, ...]:
-    found = [_of_message(at, WaitKind.RUNNING, run) for run in by.runs[:NAMED]]
-    found = _some(found, len(by.runs))
+    running = [_of_message(at, WaitKind.RUNNING, run) for run in by.runs[:NAMED]]
+    found = first_ones(running, len(by.runs))
     if by.claim is not None:
         found.append(_keeper(at, by.claim))
     return tuple(found)

@@ -52,13 +52,11 @@ from tca_wire.points import (
     TaskId,
 )
 from tca_wire.rules import rules_of
-from tca_wire.waits import WaitKind
+from tca_wire.waits import NAMED, WaitKind
 
 ALWAYS = -inf, inf
 NO_TIME = 1e-6
 """Seconds: what lasts no longer is no wait to tell of."""
-NAMED = 3
-"""How many of several are named."""
 _BEFORE = {is_goal: {0: 0, **rules_of(is_goal).no_later} for is_goal in (True, False)}
 """As bits all that comes no later than a moment, and the moment: of a goal (True), and of what only acts."""
 _NEXT = {
