@@ -10,7 +10,7 @@ from typing import NamedTuple
 from tca_tools.explain.deciding import decisions, exhausted, passed_on, retried
 from tca_tools.explain.keepers import WaitPart, parts_in_queue, parts_of_claim
 from tca_tools.explain.wait import Wait
-from tca_tools.explain.wait_words import of_ahead, of_claim, of_query, of_queueing, told, wait_for
+from tca_tools.explain.wait_words import of_ahead, of_claim, of_query, of_queueing, suspended, told, wait_for
 from tca_tools.explain.waits import NO_TIME, of_handler_wait, told_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.coordinators import agent_task
@@ -24,7 +24,7 @@ from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place, raised_by
 from tca_wire.text.measures import counted, listed
 from tca_wire.text.printable import first_line
-from tca_wire.text.waits_in_words import in_words, several_in_words, suspended_by, whereabouts
+from tca_wire.text.waits_in_words import in_words, several_in_words, whereabouts
 from tca_wire.vocabulary import Outcome
 from tca_wire.waits import NAMED, WaitFor, WaitKind
 
@@ -195,7 +195,7 @@ def _suspensions(run: Run, task: Task, moment: float) -> Sentences:
     """When it was suspended and resumed, and which handlers ran on."""
     for one in task.suspensions:
         cause = run.describe(one.cause)
-        text = suspended_by(one.by, since_birth=one.since_birth)
+        text = suspended(one)
         if one.end is None or one.is_resumed or one.goes_on(moment):
             text += f", until {cause} is resumed"
         elif one.cause != task.id:

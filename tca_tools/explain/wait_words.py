@@ -14,7 +14,18 @@ from tca_tools.explain.keepers import Keepers, kept_out
 from tca_tools.explain.wait import Wait
 from tca_tools.explain.waits import keepers_of, next_node, steps, waits_now
 from tca_tools.journal.at_time import RunAt, TaskAt
-from tca_tools.journal.records import OVER, Claim, EventAhead, HandlerWait, Handling, Hold, Message, Queueing, TaskState
+from tca_tools.journal.records import (
+    OVER,
+    Claim,
+    EventAhead,
+    HandlerWait,
+    Handling,
+    Hold,
+    Message,
+    Queueing,
+    Suspension,
+    TaskState,
+)
 from tca_wire.points import ROOT, describe_moments
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import counted, duration, listed, run_time
@@ -54,7 +65,7 @@ def told(at: RunAt, waits: Iterable[Wait], *, however: bool = False) -> list[Wai
     return found
 
 
-_ALONE = (WaitKind.RESOURCE, WaitKind.LOCK, WaitKind.REPLY, WaitKind.DELAY, WaitKind.LISTENER)
+_ALONE = {WaitKind.RESOURCE, WaitKind.LOCK, WaitKind.REPLY, WaitKind.DELAY, WaitKind.LISTENER}
 """Each is told with what keeps it up."""
 
 
@@ -73,8 +84,11 @@ def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
         return _of_condition(at, number)
     moment = 0 if however and kind is WaitKind.SUBTASK else wait.on.moment
     name = record.name if isinstance(record, HandlerWait) else ""
-    is_own_handler = kind is WaitKind.RUNNING and wait.holds
-    return WaitFor(kind) if is_own_handler else WaitFor(kind, number, name or at.run.name(number), moment)
+    if kind is WaitKind.RUNNING and wait.holds:  # its own handler
+        number, name, moment = 0, "", 0
+    elif not name:
+        name = at.run.name(number)
+    return WaitFor(kind, number, name, moment)
 
 
 def _of_constraint(at: RunAt, kind: WaitKind, hold: Hold) -> WaitFor:
@@ -176,8 +190,8 @@ def shown(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[Wait]:
     waits = waits_now(at, task.id)
     if task.state is TaskState.ENDING:
         return waits
-    left_out = set() if with_children else {WaitKind.SUBTASK}
-    return [one for one in waits if one.kind not in left_out and (one.kind is not WaitKind.RUNNING or not one.holds)]
+    kept = [one for one in waits if one.kind is not WaitKind.RUNNING or not one.holds]
+    return [one for one in kept if with_children or one.kind is not WaitKind.SUBTASK]
 
 
 def asked(at: RunAt, task: TaskAt) -> list[WaitFor]:
@@ -192,13 +206,19 @@ def how(task: TaskAt, verb: str = "waits") -> str:
     if task.watches and task.state is not TaskState.ENDING:
         return "watches"
     if is_told_with_state(task) and task.suspension:
-        return f"{suspended_by(task.suspension.by, since_birth=task.suspension.since_birth)},"
+        return f"{suspended(task.suspension)},"
     return verb
+
+
+def suspended(one: Suspension) -> str:
+    """``suspended by panel``."""
+    return suspended_by(one.by, since_birth=one.since_birth)
 
 
 def is_told_with_state(task: TaskAt) -> bool:
     """Whether it is suspended, and known by whom: that is told with what it waits for."""
-    return task.state is TaskState.SUSPENDED and bool(task.suspension and by_whom(task.suspension.by))
+    suspension = task.suspension if task.state is TaskState.SUSPENDED else None
+    return suspension is not None and bool(by_whom(suspension.by))
 
 
 def age_of(waits: list[Wait]) -> Age | None:
@@ -267,7 +287,8 @@ def _is_said(at: RunAt, task: TaskAt, ends: tuple[End, ...]) -> bool:
     said = {one.number for one in nexts}
     for number in said & at.run.claims.keys():
         claim = at.run.claims[number]
-        if at.is_granted(claim) or claim.by is task.handling:  # who has it is told, or what keeps the task from it
+        # who has it is told, or what keeps the task from it
+        if at.is_granted(claim) or claim.by is task.handling:
             said |= {one.number for one in steps(at, next_node(at, number))[0]}
     return all(end.number in said and _is_plain(at, task, end) for end in ends)
 
@@ -276,7 +297,8 @@ def _is_plain(at: RunAt, task: TaskAt, end: End) -> bool:
     """Whether there is nothing to say of it but its name."""
     if end.kind is WaitKind.RESUME:
         return task.state is TaskState.SUSPENDED
-    return end.kind in (None, WaitKind.RUNNING, WaitKind.LOCKED) or end.number not in at.tasks
+    is_plain = end.kind in (None, WaitKind.RUNNING, WaitKind.LOCKED)
+    return is_plain or end.number not in at.tasks
 
 
 def last_of(at: RunAt, end: End, more: int = 0) -> Last:
@@ -289,7 +311,8 @@ def last_of(at: RunAt, end: End, more: int = 0) -> Last:
         which = not_answered(asked_of) if asked_of.because else "has not been answered"
         return Last(thing, end.number, which, which, more)
     if claim:
-        thing, which = f"the {claim}", f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}"
+        thing = f"the {claim}"
+        which = f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}"
     elif run:
         which = f"{place(run.module, run.resource)} handles"
     elif end.kind is WaitKind.HANDLER:
@@ -303,12 +326,12 @@ def last_of(at: RunAt, end: End, more: int = 0) -> Last:
 def _why_last(at: RunAt, end: End) -> str:
     task = at.tasks.get(end.number)
     if end.kind is WaitKind.CIRCLE:
-        others = [at.describe(one) for one in Ends.at(at).members(end) if one != end.number]
-        return f"waits for itself by way of {listed(others)}"
+        others = (one for one in Ends.at(at).members(end) if one != end.number)
+        return f"waits for itself by way of {listed([*map(at.describe, others)])}"
     if task is None:
         return "has not been answered"
     if end.kind is WaitKind.RESUME and task.suspension:
-        return f"is {suspended_by(task.suspension.by, since_birth=task.suspension.since_birth)}"
+        return f"is {suspended(task.suspension)}"
     found: list[str] = []
     if end.kind is WaitKind.DELAY:
         delays = [one for one in waits_now(at, task.id) if one.kind is WaitKind.DELAY]
