@@ -23,6 +23,7 @@ from tca_wire.points import (
     END_ACHIEVING,
     END_HANDLING,
     END_PLANNING,
+    ENDS,
     ROOT,
     START_ACHIEVING,
     START_HANDLING,
@@ -275,8 +276,7 @@ def _of_test(monitor: Task) -> Groups:
 
 def _of_its_handler(task: Task, moment: int) -> Groups:
     starts = STARTS if task.delayed else START_HANDLING | delivered_at(task.is_goal)
-    ends = END_HANDLING | END_PLANNING | END_ACHIEVING
-    if task.slot is not None and moment & ends:
+    if task.slot is not None and moment & ENDS:
         yield [Returning(task)]
     elif task.queues and (moment & starts or task.reached & START_HANDLING):
         yield [Turn(task)]  # also where it is to be handled again

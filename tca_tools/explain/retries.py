@@ -8,12 +8,10 @@ from tca_tools.explain.overlapping import children_within
 from tca_tools.explain.wait import Node, Wait
 from tca_tools.journal.records import Retry, Task
 from tca_tools.journal.whole_run import Run
-from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_HANDLING, TaskId
+from tca_wire.points import END_ACHIEVING, ENDS, START_HANDLING, TaskId
 from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitKind
 
-_ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
-"""The moments that come after its handler has returned."""
 _Under = Callable[[Run, Sequence[TaskId], int, float | None], list[Task]]
 _START = attrgetter("start")
 
@@ -30,7 +28,7 @@ def of_retry(run: Run, task: Task, retry: Retry, killed: float, under: _Under) -
     decider = asker if asker is not None and asker.role is Role.EXCEPTION else None
     if decider is not None:
         end = min(decider.time_of(END_ACHIEVING), is_over)
-        yield Wait(retry.time, end, WaitKind.RECOVERY, Node(decider.id, END_ACHIEVING), _ENDS)
+        yield Wait(retry.time, end, WaitKind.RECOVERY, Node(decider.id, END_ACHIEVING), ENDS)
     still = children_within(run, task, END_ACHIEVING, retry.time, begun)
     children = [run.tasks[number] for number in still]
     if task.message_class.is_monitor:
@@ -39,7 +37,7 @@ def of_retry(run: Run, task: Task, retry: Retry, killed: float, under: _Under) -
     for child in under(run, awaited, END_ACHIEVING, retry.time):
         if child is not decider:
             start, end = max(retry.time, child.received), min(child.time_of(END_ACHIEVING), is_over)
-            yield Wait(start, end, WaitKind.SUBTASK, Node(child.id, END_ACHIEVING), _ENDS)
+            yield Wait(start, end, WaitKind.SUBTASK, Node(child.id, END_ACHIEVING), ENDS)
 
 
 def _begun(task: Task, retry: Retry) -> float:

@@ -46,9 +46,11 @@ from tca_wire.points import (
     END_ACHIEVING,
     END_HANDLING,
     END_PLANNING,
+    ENDS,
     START_ACHIEVING,
     START_HANDLING,
     START_PLANNING,
+    STARTS,
     TaskId,
 )
 from tca_wire.rules import rules_of
@@ -71,9 +73,6 @@ _NEXT = {
     TaskState.ENDING: END_ACHIEVING,
 }
 """The moment that a task in a state comes to next (0: it is to be resumed)."""
-_ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
-"""The moments that come after its handler has returned."""
-_BEGINNING = START_HANDLING | START_PLANNING | START_ACHIEVING
 _OF_ORDER = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.SUBTASK}
 _OF_ITS_STATE = _OF_ORDER | {WaitKind.DELAY}
 """Causes that keep a task only since it is in its state: before that something else did."""
@@ -116,12 +115,12 @@ def _of_message(run: Run, message: Message, time: float | None = None) -> Iterat
     copies = _lasting(run.copies.get(message.id, ()), time, is_one=False)
     for queueing in (*queueings, *copies):
         kind = WaitKind.RESOURCE if queueing.module else WaitKind.HANDLER
-        holds = START_HANDLING if begun > queueing.start else _ENDS
+        holds = START_HANDLING if begun > queueing.start else ENDS
         yield lasting(queueing, kind, Node(message.id), holds)
     for handling in _lasting(message.handlings, time, is_one=is_one):
         waits = handling.waits if time is None else lately(handling.waits, time)
         if time is None or not waits:
-            yield lasting(handling, WaitKind.RUNNING, node_of(run, handling), _ENDS)
+            yield lasting(handling, WaitKind.RUNNING, node_of(run, handling), ENDS)
         yield from (of_handler_wait(run, wait) for wait in waits)
 
 
@@ -140,7 +139,7 @@ def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
     kind = wait.kind
     if kind is WaitKind.TASK and not wait.moment:
         kind = WaitKind.LOCK if wait.awaited in run.claims else WaitKind.REPLY
-    return lasting(wait, kind, Node(wait.awaited, int(wait.moment or 0)), _ENDS)
+    return lasting(wait, kind, Node(wait.awaited, int(wait.moment or 0)), ENDS)
 
 
 def _subtasks(run: Run, task: Task, moment: int, window: Span = ALWAYS, *, together: bool = False) -> Iterator[Wait]:
@@ -219,7 +218,7 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
     if task.caught_by or task.is_recovering or task.changes:
         found += _of_recovery(run, task)
     if task.message_class.is_monitor:
-        found += [Wait(*span, WaitKind.CONDITION, Node(task.id), _ENDS) for span in watching(task)]
+        found += [Wait(*span, WaitKind.CONDITION, Node(task.id), ENDS) for span in watching(task)]
     return (wait for wait in found if wait.start < wait.end)
 
 
@@ -245,7 +244,7 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
     if other is not None and other is not task:
         kind = WaitKind.LISTENER if hold.tap else WaitKind.CONSTRAINT
         on = Node(other.id, int(before.moment))
-        yield Wait(hold.added, min(met, last), kind, on, _ENDS if is_anew else moment, hold)
+        yield Wait(hold.added, min(met, last), kind, on, ENDS if is_anew else moment, hold)
     if hold.constraint.delay:
         start, end = max(met, hold.added), min(hold.over, last)
         yield Wait(start, end, WaitKind.DELAY, Node(task.id), moment, hold)
@@ -256,7 +255,7 @@ def _of_suspension(task: Task, suspension: Suspension) -> Wait:
     start = suspension.start
     holds = _BEFORE[task.message_class.is_goal][START_ACHIEVING] & ~_past(task, start)
     if not holds and _is_to_be_handled_again(task, start):
-        holds = _ENDS
+        holds = ENDS
     return lasting(suspension, WaitKind.RESUME, Node(suspension.cause), holds)
 
 
@@ -268,9 +267,9 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
     waits = []
     for one in called:
         end = min(until.get(one.id, inf), one.time_of(END_ACHIEVING))
-        waits.append(Wait(one.received, end, WaitKind.RECOVERY, Node(one.id, END_ACHIEVING), _ENDS))
+        waits.append(Wait(one.received, end, WaitKind.RECOVERY, Node(one.id, END_ACHIEVING), ENDS))
     if not called:  # the journal begins later
-        waits = [Wait(-inf, inf, WaitKind.RECOVERY, Node(0), _ENDS)]
+        waits = [Wait(-inf, inf, WaitKind.RECOVERY, Node(0), ENDS)]
     deciding = Overlaps(waits, _SPAN)
     for since, over, state in task.spans():
         if state is TaskState.RECOVERING:
@@ -431,7 +430,7 @@ def _moments(task: Task, moment: int, time: float) -> int:
         is_again = moment == END_HANDLING and (going_on(task.handlings, time) or task.was_retried(time))
         return END_HANDLING if is_again else 0  # it is handled again, or to be
     if _killed(task) <= time:  # it reaches none before its handler has returned
-        return END_HANDLING | (moment & _ENDS)
+        return END_HANDLING | (moment & ENDS)
     before = _BEFORE[task.message_class.is_goal]
     left = ~_past(task, time)
     found = before[moment] & left
@@ -606,7 +605,7 @@ def told_waits(run: Run, task: Task, *, together: bool = False) -> list[Wait]:
 
 def _moments_in_state(task: Task, state: TaskState, since: float) -> int:
     if state in (TaskState.SUSPENDED, TaskState.RECOVERING):
-        return 0 if state is TaskState.SUSPENDED else _BEGINNING | END_HANDLING
+        return 0 if state is TaskState.SUSPENDED else STARTS | END_HANDLING
     return _moments(task, _next_moment(task, state, since), since)
 
 
