@@ -19,8 +19,8 @@ from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.resources import Key, capacity_of
 from tca_tools.analysis.step_words import named, waited
 from tca_tools.analysis.steps import Doing, PathStep
+from tca_tools.explain.graph import waits_now
 from tca_tools.explain.wait_words import told
-from tca_tools.explain.waits import waits_now
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import Handling, Task
 from tca_tools.journal.whole_run import Run
