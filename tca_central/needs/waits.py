@@ -43,6 +43,8 @@ from tca_wire.vocabulary import Role
 from tca_wire.waits import NAMED, WaitFor, WaitKind, first_ones
 from tca_wire.waits import ends as walker
 
+AnyResource = Resource[Connection, Any]
+
 _ORDER = {WaitKind.RECOVERY: 0, WaitKind.PARENT: 2}
 """Exception handlers that decide are told first, the beginning of the parent last."""
 _LOOKED_AT = 10_000
@@ -91,7 +93,7 @@ def _about(kind: WaitKind, one: Delivery, moment: int = 0) -> WaitFor:
     return WaitFor(kind, one.message_id, one.message.name, moment)
 
 
-def _at(kind: WaitKind, resource: Resource[Connection, Any], because: Iterable[WaitFor]) -> WaitFor:
+def _at(kind: WaitKind, resource: AnyResource, because: Iterable[WaitFor]) -> WaitFor:
     """A wait for something at a resource."""
     module, name = resource.module, resource.name
     return WaitFor(kind, module=module, resource=name, because=tuple(because))
@@ -124,7 +126,8 @@ def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
             if group is None:
                 continue
             if isinstance(group[0], Place) and group[0].task is task:
-                places += [one for one in group if isinstance(one, Place) and one not in places]
+                own_places = (one for one in group if isinstance(one, Place))
+                places += [one for one in own_places if one not in places]
                 continue
             wait = wait_for_group(central, own, group)
             children += wait.kind is WaitKind.SUBTASK
@@ -213,7 +216,8 @@ def _kind(node: Place, other: Task, moment: int) -> WaitKind:
         return WaitKind.RECOVERY
     if other.role is Role.LISTENER:
         return WaitKind.LISTENER
-    if above is task or (above is not None and above.is_watcher and other.above(task.id)):
+    is_under = above is not None and above.is_watcher and other.above(task.id)
+    if above is task or is_under:
         return WaitKind.SUBTASK
     return WaitKind.CONSTRAINT
 
@@ -251,21 +255,24 @@ def _of_request(central: State, connection: Connection, number: int, *, is_first
             name = observed.message.name if observed else ""
             yield WaitFor(WaitKind.CHANGE, due.task_id, due.subject or name)
         case PresenceWait():
-            missing = (one.name for one in due.messages if not one.serving)
-            yield from _compact(WaitFor(WaitKind.PRESENCE, name=name) for name in missing)
+            missing = [one.name for one in due.messages if not one.serving]
+            waits = [WaitFor(WaitKind.PRESENCE, name=name) for name in missing]
+            yield from _compact(waits)
 
 
 def replies_to(central: State, collector: Collector) -> WaitFor:
     """The wait of a multi-query: for those that have not answered."""
-    reply = WaitFor(WaitKind.REPLY, collector.id, collector.message.name, answered=collector.answered)
-    copies = collector.pending.values()
-    return replace(reply, because=tuple(_whereabouts(central, one, is_first=False) for one in copies))
+    copies, name = collector.pending.values(), collector.message.name
+    because = tuple(_whereabouts(central, one, is_first=False) for one in copies)
+    reply = WaitFor(WaitKind.REPLY, collector.id, name, because=because)
+    return replace(reply, answered=collector.answered)
 
 
 def _whereabouts(central: State, delivery: Delivery, *, is_first: bool = True) -> WaitFor:
     """The place of a message: with a handler, in a queue, nowhere."""
     if delivery.slot is not None and (resource := delivery.slot.resource) is not None:
-        return _at(WaitKind.RUNNING, resource, _of_handler(central, delivery) if is_first else ())
+        waits = _of_handler(central, delivery) if is_first else ()
+        return _at(WaitKind.RUNNING, resource, waits)
     if not delivery.queues:
         return WaitFor(WaitKind.HANDLER, name=delivery.message.name)
     resource, *others = delivery.queues
@@ -275,9 +282,11 @@ def _whereabouts(central: State, delivery: Delivery, *, is_first: bool = True) -
 # --- resources -------------------------------------------------------------------------------------------------------
 
 
-def of_resource(central: State, resource: Resource[Connection, Any], node: Node, more: int = 0) -> WaitFor:
+def of_resource(central: State, resource: AnyResource, node: Node, more: int = 0) -> WaitFor:
     """The wait of a node for a resource, or one of so many *more*."""
-    because = _blockers(central, node) if resource.slots else [WaitFor(WaitKind.HANDLER)]
+    because = [WaitFor(WaitKind.HANDLER)]
+    if resource.slots:
+        because = _blockers(central, node)
     return replace(_at(WaitKind.RESOURCE, resource, because), more=more)
 
 
@@ -314,7 +323,8 @@ def _for_what(claim: Claim[Connection]) -> tuple[WaitFor, ...]:
     holder = claim.holder
     if holder is None:
         return ()
-    return (_about(WaitKind.RUNNING if holder.slot is not None else WaitKind.TASK, holder),)
+    kind = WaitKind.RUNNING if holder.slot is not None else WaitKind.TASK
+    return (_about(kind, holder),)
 
 
 def _called(claim: Claim[Connection]) -> str:
@@ -322,6 +332,13 @@ def _called(claim: Claim[Connection]) -> str:
 
 
 # --- in the end ------------------------------------------------------------------------------------------------------
+
+
+def _begun(node: Node) -> Node:
+    """The beginning of a task that has not begun; of others the node itself."""
+    if not isinstance(node, Place) or node.task.reached & START_HANDLING or node.task.killed:
+        return node
+    return next_of(node.task)
 
 
 class Ends:
@@ -344,10 +361,7 @@ class Ends:
         for group in needs(self._central, node):
             self._count_edge()
             if group is not None:
-                first = group[0]
-                if isinstance(first, Place) and not first.task.reached & START_HANDLING and not first.task.killed:
-                    first = next_of(first.task)
-                return [first], []
+                return [_begun(group[0])], []
         self._count_edge()
         return [], [self._at_rest(node)]
 
@@ -360,19 +374,20 @@ class Ends:
         """Nodes that wait for each other: told by the oldest task among them."""
         tasks = [one.task for one in nodes if isinstance(one, Place)]
         first = min(tasks, key=attrgetter("id"), default=None)
-        return _about(WaitKind.CIRCLE, first) if first is not None else WaitFor(WaitKind.CIRCLE)
+        return _about(WaitKind.CIRCLE, first) if first else WaitFor(WaitKind.CIRCLE)
 
     def _at_rest(self, node: Node) -> WaitFor:
         match node:
             case Returning(delivery):
-                where, name = _whereabouts(self._central, delivery), delivery.message.name
-                return replace(where, number=delivery.message_id, name=name)
+                where, message = _whereabouts(self._central, delivery), delivery.message
+                return replace(where, number=delivery.message_id, name=message.name)
             case Releasing(claim):
-                return replace(_claim_wait(claim, WaitKind.LOCKED), resource=claim.resource.name)
+                locked = _claim_wait(claim, WaitKind.LOCKED)
+                return replace(locked, resource=claim.resource.name)
             case Place(task, _) if task.queues is not None:
                 return _whereabouts(self._central, task)
             case Place(task, moment):
                 reached = _about(WaitKind.CONSTRAINT, task, moment)
                 return next(_without_node(self._central, node), reached)
             case _:
-                return next(iter(waits_of(self._central, node)), WaitFor(WaitKind.RUNNING))
+                return [*waits_of(self._central, node), WaitFor(WaitKind.RUNNING)][0]

@@ -15,6 +15,7 @@ from tca_tools.journal.records import Claim, HandlerWait, Handling, Message, Que
 from tca_tools.journal.whole_run import Run
 from tca_wire.text.facts_in_words import called
 
+_Key = tuple[str, str]
 _NO_TIME = 1e-6
 """Seconds: a keeper that lasts no longer is left out."""
 
@@ -29,7 +30,8 @@ class Keepers(NamedTuple):
 
     def are(self, others: "Keepers") -> bool:
         """Whether they are the same."""
-        return self.claim is others.claim and list(map(id, self.runs)) == list(map(id, others.runs))
+        runs = [id(one) for one in self.runs]
+        return self.claim is others.claim and runs == [id(one) for one in others.runs]
 
 
 class WaitPart(NamedTuple):
@@ -53,8 +55,8 @@ def kept_out(at: RunAt, module: str, resource: str, message: Message | TaskAt) -
     held_by = at.held_by(module, resource)
     if held_by is None:
         line = _line_at(at, module, resource)
-        first = line.wanted[0] if line.wanted else None
-        if first and (line.has_room or line.inside or first.start < _came(at.run, message.id)):
+        first, came = next(iter(line.wanted), None), _came(at.run, message.id)
+        if first and (line.has_room or line.inside or first.start < came):
             return Keepers(claim=first)
     elif not (held_by.is_reserved and held_by.sender == _sent_by(at.run, message.id)):
         return Keepers(claim=held_by)
@@ -84,7 +86,8 @@ def kept_since(at: RunAt, by: Keepers, begun: float) -> float:
     since = [begun, *(run.start for run in by.runs)]
     if by.claim is not None:
         granted = by.claim.granted
-        since.append(granted if granted is not None and granted <= at.moment else by.claim.start)
+        is_late = granted is None or granted > at.moment
+        since.append(by.claim.start if granted is None or is_late else granted)
     return max(since)
 
 
@@ -129,9 +132,10 @@ def _came(run: Run, number: int) -> float:
 
 def _sent_by(run: Run, number: int) -> str:
     """The sender of a message, or of the message that central made it for."""
-    while (message := run.messages.get(number)) is not None and message.role and message.about < number:
-        number = message.about
-    return message.sender if message else ""
+    message = run.messages.get(number)
+    while message is not None and message.role and message.about < message.id:
+        message = run.messages.get(message.about)
+    return message.sender if message is not None else ""
 
 
 # --- over time -------------------------------------------------------------------------------------------------------
@@ -139,27 +143,29 @@ def _sent_by(run: Run, number: int) -> str:
 
 def parts_in_queue(run: Run, queueing: Queueing, message: Message) -> list[WaitPart]:
     """The keepers of a resource from a queued message, one after the other."""
-    module, resource = queueing.module, queueing.resource
-    return _parts(run, queueing, [module], resource, lambda at: kept_out(at, module, resource, message))
+    key = queueing.module, queueing.resource
+    return _parts(run, queueing, [key], lambda at: kept_out(at, *key, message))
 
 
 def parts_of_claim(run: Run, wait: HandlerWait, claim: Claim) -> list[WaitPart]:
     """The keepers of a resource from a claim, one after the other: in all copies of the module."""
-    copies = [one for one in run.modules if called(one) == called(claim.module)]
-    return _parts(run, wait, copies, claim.resource, lambda at: ahead_of_claim(at, claim))
+    copies = (one for one in run.modules if called(one) == called(claim.module))
+    keys = [(one, claim.resource) for one in copies]
+    return _parts(run, wait, keys, lambda at: ahead_of_claim(at, claim))
 
 
-def _turns(run: Run, modules: list[str], resource: str, start: float, end: float) -> Iterator[float]:
+def _turns(run: Run, keys: list[_Key], start: float, end: float) -> Iterator[float]:
     """When the keepers of a resource may have changed."""
-    for module in modules:
-        runs = run.runs.get((module, resource), [])
-        first, last = (bisect_right(runs, time, key=attrgetter("start")) for time in (start, end))
+    for key in keys:
+        runs = run.runs.get(key, [])
+        first = bisect_right(runs, start, key=attrgetter("start"))
+        last = bisect_right(runs, end, key=attrgetter("start"))
         beside = runs[first - 1].beside if first else ()
         for handling in (*beside, *runs[max(first - 1, 0) : last]):
             yield from (handling.start, handling.until)
-        if known := run.modules.get(module):
-            yield from (time for time, _ in known.sizes.get(resource, ()))
-    for claim in run.asked_for(modules[0], resource) if modules else ():
+        if known := run.modules.get(key[0]):
+            yield from (time for time, _ in known.sizes.get(key[1], ()))
+    for claim in run.asked_for(*keys[0]) if keys else ():
         yield from (claim.start, claim.until)
         if claim.granted is not None:
             yield claim.granted
@@ -168,10 +174,10 @@ def _turns(run: Run, modules: list[str], resource: str, start: float, end: float
 
 
 def _parts(
-    run: Run, wait: Queueing | HandlerWait, modules: list[str], resource: str, keepers: Callable[[RunAt], Keepers]
+    run: Run, wait: Queueing | HandlerWait, keys: list[_Key], keepers: Callable[[RunAt], Keepers]
 ) -> list[WaitPart]:  # fmt: skip
     start, end = wait.start, wait.until
-    turns = _turns(run, modules, resource, start, end)
+    turns = _turns(run, keys, start, end)
     stops = sorted({time for time in turns if start < time < end})
     found: list[tuple[float, Keepers]] = []
     for stop, after in pairwise([start, *stops, end]):
@@ -180,5 +186,7 @@ def _parts(
         by = keepers(RunAt(run, stop))
         if not found or not by.are(found[-1][1]):
             found.append((stop if found else start, by))
-    ends = [*(since for since, _ in found[1:]), end]
-    return [WaitPart(since, until, by) for (since, by), until in zip(found, ends, strict=True)]
+    parts = []
+    for (since, by), (until, _) in pairwise([*found, (end, Keepers())]):
+        parts.append(WaitPart(since, until, by))
+    return parts

@@ -27,8 +27,8 @@ def of_retry(run: Run, task: Task, retry: Retry, killed: float, under: _Under) -
     asker = run.tasks.get(TaskId(retry.asker.message_id)) if retry.asker else None
     decider = asker if asker is not None and asker.role is Role.EXCEPTION else None
     if decider is not None:
-        end = min(decider.time_of(END_ACHIEVING), is_over)
-        yield Wait(retry.time, end, WaitKind.RECOVERY, Node(decider.id, END_ACHIEVING), ENDS)
+        end, on = min(decider.time_of(END_ACHIEVING), is_over), Node(decider.id, END_ACHIEVING)
+        yield Wait(retry.time, end, WaitKind.RECOVERY, on, ENDS)
     still = children_within(run, task, END_ACHIEVING, retry.time, begun)
     children = [run.tasks[number] for number in still]
     if task.message_class.is_monitor:
@@ -36,15 +36,17 @@ def of_retry(run: Run, task: Task, retry: Retry, killed: float, under: _Under) -
     awaited = [TaskId(child.id) for child in children if not child.outlives_retry]
     for child in under(run, awaited, END_ACHIEVING, retry.time):
         if child is not decider:
-            start, end = max(retry.time, child.received), min(child.time_of(END_ACHIEVING), is_over)
-            yield Wait(start, end, WaitKind.SUBTASK, Node(child.id, END_ACHIEVING), ENDS)
+            start, on = max(retry.time, child.received), Node(child.id, END_ACHIEVING)
+            end = min(child.time_of(END_ACHIEVING), is_over)
+            yield Wait(start, end, WaitKind.SUBTASK, on, ENDS)
 
 
 def _begun(task: Task, retry: Retry) -> float:
     """When a retried task was queued or handled, or else ended."""
     queued = bisect_left(task.queueings, retry.time, key=_START)
-    next_ones = (*task.handlings[retry.runs : retry.runs + 1], *task.queueings[queued : queued + 1])
-    return min((one.start for one in next_ones), default=task.time_of(END_ACHIEVING))
+    starts = [one.start for one in task.handlings[retry.runs : retry.runs + 1]]
+    starts += [one.start for one in task.queueings[queued : queued + 1]]
+    return min(starts, default=task.time_of(END_ACHIEVING))
 
 
 def _before_it_begins(monitor: Task, retry: Retry, children: list[Task], decider: Task | None) -> list[Task]:
