@@ -84,7 +84,8 @@ def _turn(run: Run, message: Message, time: float) -> _Turn:
     if known is None or known.number != number:
         waits, following = list(of_message(run, message, time)), Node(message.id)
         if isinstance(message, Task):
-            waits[:0] = (one for one in own_waits(run, message, time, time) if one.start <= time < one.end)
+            own = own_waits(run, message, time, time)
+            waits[:0] = (one for one in own if one.start <= time < one.end)
             following = _next(message, time)
         known = run.memo[message.id] = _Turn(number, following, waits, {})
     return known
@@ -138,7 +139,8 @@ def _kept(at: RunAt, node: Node) -> _Kept:
             else:
                 others.append(wait)
         nodes.update(dict.fromkeys(subtasks))
-        kept = turn.kept[node] = _Kept(waits, subtasks, list(nodes), list(leaves), others)
+        kept = _Kept(waits, subtasks, list(nodes), list(leaves), others)
+        turn.kept[node] = kept
     return kept
 
 
@@ -150,12 +152,14 @@ def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float
         return [one for one in waits if one.kind is WaitKind.RESUME], []
     wanted = moments_before(message, node.moment, time)
     found = [one for one in waits if one.holds & wanted or (wanted and _resumes(message, one, time))]
-    last = wanted & END_ACHIEVING or wanted & END_PLANNING  # what is achieved is planned
+    # what is achieved is planned
+    last = wanted & END_ACHIEVING or wanted & END_PLANNING
     if not last:
         return found, []
     named = {one.on for one in found if one.kind in (WaitKind.SUBTASK, WaitKind.RECOVERY)}
     under = kept_by(run, children_within(run, message, last, time, time), last, time)
-    subtasks = (Node(one.id, last) for one in under if one.received <= time < one.time_of(last))
+    open_ones = (one for one in under if one.received <= time < one.time_of(last))
+    subtasks = (Node(one.id, last) for one in open_ones)
     return found, [one for one in subtasks if one not in named]
 
 
@@ -184,7 +188,8 @@ def further(at: RunAt, wait: Wait) -> list[Node]:
     elif wait.kind is WaitKind.CHANGE:
         is_to_come = number in at.tasks and at.tasks[number].state not in OVER
     elif wait.kind is WaitKind.REPLY:
-        is_to_come = number in at.run.messages and at.run.messages[number].received <= at.moment
+        query = at.run.messages.get(number)
+        is_to_come = query is not None and query.received <= at.moment
     else:
         return [wait.on]
     on = wait.on if wait.kind is WaitKind.TASK else next_node(at, number)
@@ -196,8 +201,11 @@ def keepers_of(at: RunAt, wait: Wait) -> Keepers:
     queueing, claim = wait.record, at.run.claims.get(wait.on.number)
     if isinstance(queueing, Queueing):
         message = at.run.messages.get(queueing.message_id)
-        return kept_out(at, queueing.module, queueing.resource, message) if message else Keepers()
-    return Keepers() if claim is None or at.is_granted(claim) else ahead_of_claim(at, claim)
+        if message is not None:
+            return kept_out(at, queueing.module, queueing.resource, message)
+    elif claim is not None and not at.is_granted(claim):
+        return ahead_of_claim(at, claim)
+    return Keepers()
 
 
 def _nodes(at: RunAt, by: Keepers) -> list[Node]:
@@ -260,7 +268,8 @@ def waits_now(at: RunAt, number: int) -> list[Wait]:
     the resource busy. The newest of many subtasks stands for all but the first ones.
     """
     kept = _kept(at, next_node(at, number))
-    waits = [*kept.waits, *(_subtask(at.run, one) for one in kept.subtasks[:-1][:NAMED])]
+    waits = list(kept.waits)
+    waits += (_subtask(at.run, one) for one in kept.subtasks[:-1][:NAMED])
     if kept.subtasks:
         left = max(len(kept.subtasks) - NAMED - 1, 0)
         waits.append(_subtask(at.run, kept.subtasks[-1], (inf,) * left))
@@ -275,7 +284,8 @@ def waits_now(at: RunAt, number: int) -> list[Wait]:
     for wait in waits:
         if is_of_state(wait, state):
             start = max(wait.start, since)
-            told.append(wait._replace(start=start, since=min(begun_at(task, place), start)))
+            in_all = min(begun_at(task, place), start)
+            told.append(wait._replace(start=start, since=in_all))
         else:
             told.append(_told(at, wait))
     return told
@@ -285,7 +295,8 @@ def _told(at: RunAt, wait: Wait) -> Wait:
     """A wait since its cause is the cause."""
     start = wait.start
     if wait.kind in _KEPT:
-        return wait._replace(start=kept_since(at, keepers_of(at, wait), start), since=start)
+        kept = kept_since(at, keepers_of(at, wait), start)
+        return wait._replace(start=kept, since=start)
     if wait.kind is WaitKind.CONDITION:
         start = max(start, _last_outcome(at, wait.on.number))
     return wait._replace(start=start, since=start)

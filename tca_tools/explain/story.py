@@ -73,7 +73,8 @@ class Sentence(NamedTuple):
         so_far = time - self.time
         if self.known(moment).is_open:
             return self.begun + f", {so_far:.3f} s so far" * (so_far >= _SHORTEST)
-        return self.text if self.seconds is None else f"{self.text}, {self.seconds:.3f} s"
+        took = "" if self.seconds is None else f", {self.seconds:.3f} s"
+        return self.text + took
 
 
 Sentences = Iterator[Sentence]
@@ -116,8 +117,10 @@ def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
 def _birth(run: Run, message: Message) -> Sentence:
     text = str(message.message_class)
     if message.role:
-        role = "" if message.role.value == message.message_class.value else f": {message.role}"
-        text += f" made by central{role} for {run.describe(message.about)}"
+        text += " made by central"
+        if message.role.value != message.message_class.value:
+            text += f": {message.role}"
+        text += f" for {run.describe(message.about)}"
     else:
         text += f" sent by {message.sender}"
         if origin := run.delivered(message.origin):
@@ -128,7 +131,8 @@ def _birth(run: Run, message: Message) -> Sentence:
 
 
 def _failures(run: Run, message: Message, moment: float) -> Sentences:
-    by = {(one.time, one.failure): raised_by(one.by) for one in run.raised.get(message.id, ())}
+    raised = run.raised.get(message.id, ())
+    by = {(one.time, one.failure): raised_by(one.by) for one in raised}
     for time, failure in message.became("failure"):
         if failure:
             text = f"failed: {failure}{by.get((time, failure), '')}"
@@ -164,8 +168,9 @@ def _answers_so_far(run: Run, query: Message, given_up: float) -> str:
     answers = []
     for one in over:
         if one.outcome is Outcome.DONE:
+            who = place(one.module, one.resource)
             data = cut(data_text(query.was("result", one.until)), _LONGEST_ANSWER)
-            answers.append(place(one.module, one.resource) + (f" ({data})" if data else ""))
+            answers.append(f"{who} ({data})" if data else who)
     if not answers:
         return ""
     how_many = f"{len(answers)} of {len(over) + len(of_query(at, query).because)}"
@@ -212,13 +217,15 @@ def _suspensions(run: Run, task: Task, moment: float) -> Sentences:
 
 def _tests(run: Run, monitor: Task, moment: float) -> Sentences:
     """The results of a monitor's condition; tests with the same outcome, one after the other, are one sentence."""
-    tests = run.tests.get(monitor.id, ())
-    for (_, holds), some in groupby(tests, key=lambda test: (test[0] <= moment, test[1])):
+
+    def outcome(test: tuple[float, bool]) -> tuple[bool, bool]:
+        return test[0] <= moment, test[1]
+
+    for (_, holds), some in groupby(run.tests.get(monitor.id, ()), key=outcome):
         first, *more = [time for time, _ in some]
         text = f"its condition {'holds' if holds else 'does not hold'}"
         if more:
-            often = f", {1 + len(more)} times"
-            yield Sentence(first, text, more[-1] - first, ending=often)
+            yield _lasting(first, more[-1], text, f", {1 + len(more)} times")
         else:
             yield Sentence(first, text)
 
@@ -236,7 +243,7 @@ def _changes(task: Task, moment: float) -> Sentences:
         if are_results and more:
             last = more[-1]
             ending = f", {len(some)} times; the last: {data_text(last.body)}"
-            yield Sentence(first.time, str(first), last.time - first.time, ending=ending)
+            yield _lasting(first.time, last.time, str(first), ending)
             continue
         for one in some:
             data = data_text(one.body)
@@ -328,7 +335,7 @@ def _run(at: RunAt, handling: Handling) -> Sentences:
             over.append(_Asked(_plain(at.run, wait), wait.start, wait.until))
     for some in _together(over):
         what = several_in_words(one.what for one in some)
-        yield _lasting(some[0].start, _end(some), f"its handler waits {what}")
+        yield _in_all(some, f"its handler waits {what}")
     yield from _questions(at, handling)
 
 
@@ -396,7 +403,8 @@ def _questions(at: RunAt, handling: Handling) -> Sentences:
         end = query.answered
         if end is None:
             end = query.written("dropped") if query.dropped else inf
-        text, ending, now = f"its handler asked {query}, and goes on", "", of_query(at, query)
+        text, ending = f"its handler asked {query}, and goes on", ""
+        now = of_query(at, query)
         if query.received <= at.moment < end and now.because:
             text += f"; {whereabouts(now)}"
         if end < inf and (failure := _failure_told(query, end)):
@@ -404,11 +412,11 @@ def _questions(at: RunAt, handling: Handling) -> Sentences:
         yield _lasting(query.received, end, text, ending)
     for some in _together(later):
         names = listed([one.what.name for one in some])
-        yield _lasting(some[0].start, _end(some), f"its handler asked {names}, and goes on")
+        yield _in_all(some, f"its handler asked {names}, and goes on")
 
 
-def _end(some: list[_Asked]) -> float:
-    return max(one.end for one in some)
+def _in_all(some: list[_Asked], text: str) -> Sentence:
+    return _lasting(some[0].start, max(one.end for one in some), text)
 
 
 def _together(asked: list[_Asked]) -> Iterator[list[_Asked]]:
@@ -436,13 +444,14 @@ def _states(run: Run, task: Task, moment: float) -> Sentences:
         before, state = state, following
         if end - start < NO_TIME:
             continue
-        went_on = state is TaskState.FAILED and task.killed is None and task.written("failure", start) < start
-        if state in OVER and (before is TaskState.ENDING or went_on):
-            yield Sentence(start, "has ended")
-        if state in _IS_TOLD or (state in OVER and before is TaskState.ENDING):
-            continue
         if state in OVER:
-            yield Sentence(start, str(state))
+            went_on = state is TaskState.FAILED and task.killed is None
+            if before is TaskState.ENDING or (went_on and task.written("failure", start) < start):
+                yield Sentence(start, "has ended")
+            elif state not in _IS_TOLD:
+                yield Sentence(start, str(state))
+            continue
+        if state in _IS_TOLD:
             continue
         kept = waits[bisect_left(starts, start) : bisect_left(starts, end)]
         is_at_work = any(isinstance(one.record, Handling) for one in kept)

@@ -162,8 +162,9 @@ def _is_kept(run: Run, monitor: Task, time: float | None) -> bool:
     """Whether a constraint keeps a monitor from its end; what comes before it is handled once more does not."""
     for hold in monitor.holds:
         for wait in _of_constraint(run, monitor, hold, killed_at(monitor)):
-            is_of_end = wait.holds in (END_HANDLING, END_ACHIEVING) and wait.kind is not WaitKind.DELAY
-            if is_of_end and (time is None or wait.start <= time < wait.end):
+            goes_on = time is None or wait.start <= time < wait.end
+            is_of_end = wait.holds in (END_HANDLING, END_ACHIEVING)
+            if goes_on and is_of_end and wait.kind is not WaitKind.DELAY:
                 return True
     return False
 
@@ -214,7 +215,8 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
     if other is not None and other is not task:
         kind = WaitKind.LISTENER if hold.tap else WaitKind.CONSTRAINT
         on = Node(other.id, int(before.moment))
-        yield Wait(hold.added, min(met, last), kind, on, ENDS if is_anew else moment, hold)
+        holds = ENDS if is_anew else moment
+        yield Wait(hold.added, min(met, last), kind, on, holds, hold)
     if hold.constraint.delay:
         start, end = max(met, hold.added), min(hold.over, last)
         yield Wait(start, end, WaitKind.DELAY, Node(task.id), moment, hold)
@@ -236,15 +238,17 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
     until = {one.id: later.received for one, later in pairwise(known)}
     waits = []
     for one in called:
-        end = min(until.get(one.id, inf), one.time_of(END_ACHIEVING))
-        waits.append(Wait(one.received, end, WaitKind.RECOVERY, Node(one.id, END_ACHIEVING), ENDS))
+        on, end = Node(one.id, END_ACHIEVING), one.time_of(END_ACHIEVING)
+        end = min(until.get(one.id, inf), end)
+        waits.append(Wait(one.received, end, WaitKind.RECOVERY, on, ENDS))
     if not called:  # the journal begins later
         waits = [Wait(-inf, inf, WaitKind.RECOVERY, Node(0), ENDS)]
     deciding = Overlaps(waits, _SPAN)
     for since, over, state in task.spans():
         if state is TaskState.RECOVERING:
             for wait in deciding.within(since, over):
-                yield wait._replace(start=max(since, wait.start), end=min(over, wait.end))
+                start, end = max(since, wait.start), min(over, wait.end)
+                yield wait._replace(start=start, end=end)
 
 
 # --- as people are told ----------------------------------------------------------------------------------------------
@@ -288,7 +292,7 @@ def is_of_state(wait: Wait, state: TaskState) -> bool:
 
 def begun_at(task: Task, place: int) -> float:
     """Since when a task waits that is in one of its states. It goes on with a wait after a suspension."""
-    state = task.stage(place)[1]
-    while place > 1 and (task.stage(place - 2)[1], task.stage(place - 1)[1]) == (state, TaskState.SUSPENDED):
+    before = [task.stage(place)[1], TaskState.SUSPENDED]
+    while place > 1 and [task.stage(place - 2)[1], task.stage(place - 1)[1]] == before:
         place -= 2
     return task.stage(place)[0]
