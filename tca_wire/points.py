@@ -48,6 +48,7 @@ START_ACHIEVING, END_ACHIEVING = int(Moment.START_ACHIEVING), int(Moment.END_ACH
 MOMENTS = tuple(Moment)
 ALL_MOMENTS = 63
 STARTS = START_HANDLING | START_PLANNING | START_ACHIEVING
+ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
 
 _WORDS = {int(moment): str(moment.name).lower().replace("_", " ") for moment in MOMENTS}
 

@@ -12,6 +12,8 @@ looked at enough for one event goes on in later looks, so that central is never 
 handler in it, or something locked: nobody waits for what a mere client waits for.
 """
 
+from itertools import pairwise
+
 from msgspec.structs import replace
 
 from tca_central.control.revoking import is_kept, revoke_and_warn
@@ -21,7 +23,7 @@ from tca_central.locks.claims import revoke
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
-from tca_central.needs.graph import Freeing, Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting
+from tca_central.needs.graph import Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting
 from tca_central.needs.waits import wait_for_group, waits_of
 from tca_central.order.cycles import Place
 from tca_central.requests.waiting import give_up
@@ -40,10 +42,12 @@ PATIENCE = 1000
 SLICE = 2000
 """Edges that are looked at in one later look: some milliseconds, four times a second."""
 
-_CLOSES_NOTHING = frozenset((facts.Queued, facts.Delivered, facts.Answered, facts.Awaited, facts.WaitBegan))
+_CLOSES_NOTHING = {facts.Queued, facts.Delivered, facts.Answered, facts.Awaited, facts.WaitBegan}
 """After these nothing waits that did not before, or else it is among the suspects."""
 
 _SHOWN = 12  # parts of a circle that the error names
+
+Kept = list[Claim[Connection]]
 
 
 class DeadlockScan:
@@ -53,7 +57,8 @@ class DeadlockScan:
         self.search = Search(central, SLICE, list)
         self.starts: list[Node | Connection] = [*central.blocked]
         """The nodes still to be checked, the next one last."""
-        self.starts.extend(Releasing(claim) for claim in central.claims.values() if claim.is_granted)
+        granted = (claim for claim in central.claims.values() if claim.is_granted)
+        self.starts.extend(Releasing(claim) for claim in granted)
         self.starts.reverse()
 
 
@@ -64,8 +69,10 @@ def check_suspects(central: State) -> None:
     search: Search | None = None
     try:
         while central.suspects:
-            if (start := _may_close(central, central.suspects.popleft())) is not None:
-                search = _resolve_all(central, search or Search(central, PATIENCE), start)
+            start = _may_close(central, central.suspects.popleft())
+            if start is not None:
+                search = search or Search(central, PATIENCE)
+                search = _resolve_all(central, search, start)
     except TooLongError:
         central.suspects.clear()
         schedule_look(central)
@@ -79,9 +86,11 @@ def _may_close(central: State, suspect: Suspect) -> Node | None:
         return Turn(suspect)
     connection, number = suspect
     due = connection.outstanding.get(number)
-    if due is None or (isinstance(due, Delivery) and due.slot is not None and not due.slot.waits):
+    slot = due.slot if isinstance(due, Delivery) else None
+    if due is None or (slot is not None and not slot.waits):
         return None  # it was answered, or a handler that nothing blocks is about to
-    if connection.handling or any(claim.slot is connection for claim in central.claims.values()):
+    claims = central.claims.values()
+    if connection.handling or any(claim.slot is connection for claim in claims):
         return Waiting(connection, number)
     return None
 
@@ -168,15 +177,17 @@ def _resolve(central: State, circle: list[Node], search: Search) -> bool:
     """End a wait or a claim of a circle, or raise a failure for it; False if its failure is being handled."""
     text = describe(central, circle)
     waits = [node for node in circle if isinstance(node, Waiting)]
-    kept = [node.claim for node in circle if isinstance(node, Releasing) and is_kept(node.claim)]
+    claims = (node.claim for node in circle if isinstance(node, Releasing))
+    kept = [claim for claim in claims if is_kept(claim)]
     goes_first = _of_recovery(central, circle)
-    if kept and goes_first:  # somebody loses a lock they need, and is told: those in recovery come last
-        claim = min(kept, key=lambda claim: any(above.role.survives for above in claim.holder.lineage()))
+    if kept and goes_first:  # somebody loses a lock they need, and is told
+        claim = min(kept, key=_is_held_in_recovery)
         revoke_and_warn(central, claim, f"{DEADLOCK}: {text}", DEADLOCK, text)
     elif waits:
         refused = [wait for wait in waits if wait not in goes_first] or waits
-        connection, number = max(refused, key=lambda node: node.connection.waits[node.number].since)
-        central.facts.append(facts.RequestRefused(connection.module.name, Refusal.DEADLOCK, text))
+        connection, number = max(refused, key=_since)
+        fact = facts.RequestRefused(connection.module.name, Refusal.DEADLOCK, text)
+        central.facts.append(fact)
         give_up(central, connection, number, Dropping.DEADLOCK)
         central.send(connection, number, Refused(number, Refusal.DEADLOCK, text))
     else:
@@ -184,16 +195,24 @@ def _resolve(central: State, circle: list[Node], search: Search) -> bool:
     return True
 
 
-def _raise_or_revoke(central: State, kept: list[Claim[Connection]], search: Search, text: str) -> bool:
+def _is_held_in_recovery(claim: Claim[Connection]) -> bool:
+    return any(above.role.survives for above in claim.holder.lineage())
+
+
+def _since(wait: Waiting) -> int:
+    return wait.connection.waits[wait.number].since
+
+
+def _raise_or_revoke(central: State, kept: Kept, search: Search, text: str) -> bool:
     """Nobody blocks: who keeps what others need is told and, if no exception handler helps, loses it."""
     if not kept or any(_is_being_handled(claim.holder, search) for claim in kept):
         return False
-    holders: list[Task] = [claim.holder for claim in kept]
-    told = next((one for one in holders if one.failure is None or one.failure[0] != DEADLOCK), None)
-    if told is not None:
-        raise_failure(central, told, RaisedFailure(DEADLOCK, text))
-    else:
-        revoke(central, kept[0], f"{DEADLOCK}: {text}", f"{DEADLOCK}: {text}")
+    for claim in kept:
+        holder: Task = claim.holder
+        if holder.failure is None or holder.failure[0] != DEADLOCK:
+            raise_failure(central, holder, RaisedFailure(DEADLOCK, text))
+            return True
+    revoke(central, kept[0], f"{DEADLOCK}: {text}", f"{DEADLOCK}: {text}")
     return True
 
 
@@ -215,7 +234,8 @@ def _of_recovery(central: State, circle: list[Node]) -> set[Node]:
     for node in circle + circle:
         is_asked = isinstance(before, Waiting) and isinstance(node, Returning)
         asks_on = isinstance(before, Returning) and isinstance(node, Waiting)
-        if (before in found and (is_asked or asks_on)) or _is_recovery(_delivery_of(central, node), known):
+        goes_on = before in found and (is_asked or asks_on)
+        if goes_on or _is_recovery(_delivery_of(central, node), known):
             found.add(node)
         before = node
     return found
@@ -250,35 +270,44 @@ def _is_recovery(delivery: Delivery | None, known: dict[Task, bool]) -> bool:
 
 def describe(central: State, circle: list[Node]) -> str:
     """The circle in words, from the first handler that waits."""
-    first = next((index for index, node in enumerate(circle) if isinstance(node, Waiting)), 0)
+    first = next((at for at, node in enumerate(circle) if isinstance(node, Waiting)), 0)
     circle = circle[first:] + circle[:first]
-    waiters = [_waiter(central, *pair) for pair in zip(circle, circle[1:] + circle[:1], strict=True)]
-    told = list(dict.fromkeys(f"{waiter_in_words(one)} waits {several_in_words(one.waits)}" for one in waiters if one))
+    told: dict[str, None] = {}
+    for node, following in pairwise([*circle, circle[0]]):
+        waits = _waits(central, node, following)
+        if waits is not None:
+            told[f"{waiter_in_words(_waiter(central, node))} waits {several_in_words(waits)}"] = None
     more = f"; and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
-    return f"each waits for the next, in a circle: {'; '.join(told[:_SHOWN])}{more}"
+    return f"each waits for the next, in a circle: {'; '.join([*told][:_SHOWN])}{more}"
 
 
-def _waiter(central: State, node: Node, following: Node) -> Waiter | None:
-    """The waiter at a node of a circle, with its waits; None where the neighbours say it."""
-    who: Delivery | None = None
-    module, waits = "", tuple[WaitFor, ...]()
+def _waits(central: State, node: Node, following: Node) -> list[WaitFor] | None:
+    """The waits at a node of a circle; None where the neighbours say it."""
     match node, following:
-        case Waiting(connection, number), _:
-            who = central.dispatcher.running.get(connection.waits[number].origin)
-            module, waits = connection.module.name, tuple(waits_of(central, node))
-            if waits and waits[0].kind is WaitKind.REPLY:  # where the query is, the next in the circle tells
-                waits = (replace(waits[0], because=()),)
-        case Granting(claim), _:
-            who, module, waits = claim.holder, claim.slot.module.name, tuple(waits_of(central, node))
-        case TurnAt(delivery, _), _:
-            who, waits = delivery, tuple(waits_of(central, node))
-        case Releasing(claim), Place(task, _) if task is not claim.holder:  # it is handled again after that has ended
-            who, waits = claim.holder, (WaitFor(WaitKind.SUBTASK, task.id, task.message.name),)
-        case Place(task, _), (Place(other, _) | Returning(other) | Turn(other)) if other is not task:
-            who, waits = task, (wait_for_group(central, node, [following]),)
-        case Place(task, _), Freeing():
-            who, waits = task, (wait_for_group(central, node, [following]),)
-        case _:
-            return None
+        case Waiting(), _:
+            waits = waits_of(central, node)
+            if waits and waits[0].kind is WaitKind.REPLY:
+                return [replace(waits[0], because=())]  # where the query is, the next in the circle tells
+            return waits
+        case ((Granting() | TurnAt()), _):
+            return waits_of(central, node)
+        case Releasing(claim), Place(task, _) if task is not claim.holder:
+            return [WaitFor(WaitKind.SUBTASK, task.id, task.message.name)]  # before it is handled again
+        case Place(task, _), _ if _delivery_of(central, following) is not task:
+            return [wait_for_group(central, node, [following])]
+    return None
+
+
+def _waiter(central: State, node: Node) -> Waiter:
+    who, module = _delivery_of(central, node), ""
+    match node:
+        case Waiting(connection, _):
+            module = connection.module.name
+        case Granting(claim):
+            who, module = claim.holder, claim.slot.module.name
+        case Releasing(claim):
+            who = claim.holder
+        case TurnAt(delivery, _):
+            who = delivery
     number, name = (who.message_id, who.message.name) if who is not None else (0, "")
-    return Waiter(number, name, module, waits=waits)
+    return Waiter(number, name, module)

@@ -23,6 +23,7 @@ from tca_wire.points import (
     END_ACHIEVING,
     END_HANDLING,
     END_PLANNING,
+    ENDS,
     ROOT,
     START_ACHIEVING,
     START_HANDLING,
@@ -92,27 +93,34 @@ def needs(central: State, node: Node, each: Each = iter) -> Groups:
 
 def still_needs(central: State, node: Node, group: Group) -> bool:
     """Whether a node waits for that group now, as it did before."""
-    if isinstance(node, Place) and isinstance(group[0], Place) and group[0].task.parent is node.task:
-        (task, moment), (child, its_moment) = node, group[0]
+    first, tasks = group[0], central.tree.tasks
+    if isinstance(node, Place) and isinstance(first, Place) and first.task.parent is node.task:
+        (task, moment), (child, its_moment) = node, first
         if moment == its_moment and moment in (END_PLANNING, END_ACHIEVING):  # it may be one of a million
-            is_there = central.tree.tasks.get(child.id) is child and central.tree.tasks.get(task.id) is task
-            return is_there and not task.reached & moment and not child.reached & moment
+            is_there = tasks.get(child.id) is child and tasks.get(task.id) is task
+            return is_there and not (task.reached | child.reached) & moment
     return any(one is not None and list(one) == list(group) for one in needs(central, node))
 
 
 def _of_wait(central: State, node: Waiting, _: Each) -> Groups:
     due = node.connection.outstanding.get(node.number)
     if isinstance(due, Delivery):
-        if due.slot is not None:
-            yield [Returning(due)]
-        elif due.queues:
-            yield [Turn(due)]
+        if (answer := _at_hand(due)) is not None:
+            yield [answer]
     elif isinstance(due, Claim):
         yield [Granting(due)]
-    elif isinstance(due, TaskWait) and (task := central.tree.tasks.get(due.task_id)) is not None:
-        yield [Place(task, due.moment)]
+    elif isinstance(due, TaskWait):
+        if (task := central.tree.tasks.get(due.task_id)) is not None:
+            yield [Place(task, due.moment)]
     elif isinstance(due, Observation) and (changes := _changes(central, due)):
         yield changes
+
+
+def _at_hand(delivery: Delivery) -> Returning | Turn | None:
+    """What comes next of a delivery, where it is with a handler or in a queue."""
+    if delivery.slot is not None:
+        return Returning(delivery)
+    return Turn(delivery) if delivery.queues else None
 
 
 def _changes(central: State, observation: Observation) -> list[Node]:
@@ -123,37 +131,37 @@ def _changes(central: State, observation: Observation) -> list[Node]:
     top = tree.tasks.get(number)
     if top is None:
         return []
-    found = [top] if observation.task_id else list(islice(tree.subtree(top), MOST_OBSERVED + 1))
-    if len(found) > MOST_OBSERVED or any(one.retrying or one.message.message_class.is_monitor for one in found):
+    below = tree.subtree(top) if not observation.task_id else [top]
+    found = list(islice(below, MOST_OBSERVED + 1))
+    may_change = any(one.retrying or one.message.message_class.is_monitor for one in found)
+    if len(found) > MOST_OBSERVED or may_change:
         return []
     return [_change(task) for task in found]
 
 
 def _change(task: Task) -> Node:
-    if task.slot is not None:
-        return Returning(task)
-    if task.queues:
-        return Turn(task)
-    return Place(task, END_ACHIEVING if task.reached & START_HANDLING else START_HANDLING)
+    moment = END_ACHIEVING if task.reached & START_HANDLING else START_HANDLING
+    return _at_hand(task) or Place(task, moment)
 
 
 def _of_handler(_: State, node: Returning, each: Each) -> Groups:
     """The needs of a handler: all waits of it and of those nested in it; any one of a coroutine's. One that has not
     begun is none in which a callback of its slot waits.
     """
-    slot = node.delivery.slot
-    if slot is not None:
-        given = slot.handling[node.delivery]
-        awaited: tuple[int, ...] = ()
-        for number, wait in each(slot.waits.items()):
-            if wait.is_coroutine:
-                awaited = wait.together if wait.origin == node.delivery.given_as else awaited
-                yield None
-            elif wait.since > given and (wait.origin or slot.unbegun is not node.delivery):
-                group = wait.together or (number,)
-                yield [Waiting(slot, one) for one in group] if group[0] == number else None
-        if awaited:
-            yield [Waiting(slot, number) for number in awaited]
+    delivery, slot = node.delivery, node.delivery.slot
+    if slot is None:
+        return
+    given = slot.handling[delivery]
+    awaited: tuple[int, ...] = ()
+    for number, wait in each(slot.waits.items()):
+        group = wait.together or (number,)
+        if wait.is_coroutine:
+            awaited = wait.together if wait.origin == delivery.given_as else awaited
+            yield None
+        elif wait.since > given and (wait.origin or slot.unbegun is not delivery):
+            yield [Waiting(slot, one) for one in group] if group[0] == number else None
+    if awaited:
+        yield [Waiting(slot, number) for number in awaited]
 
 
 def _of_turn(_: State, node: Turn, __: Each) -> Groups:
@@ -177,7 +185,11 @@ def _of_turn_at(_: State, node: TurnAt, each: Each) -> Groups:
 def _of_freeing(_: State, node: Freeing, __: Each) -> Groups:
     resource = node.resource
     if resource.slots and not resource.free:
-        yield [Returning(next(iter(slot.handling))) for slot in resource.slots if slot.handling]
+        yield [_emptied(slot) for slot in resource.slots if slot.handling]
+
+
+def _emptied(slot: Connection) -> Returning:
+    return Returning(next(iter(slot.handling)))
 
 
 def _of_claim(_: State, node: Granting, each: Each) -> Groups:
@@ -188,7 +200,7 @@ def _of_claim(_: State, node: Granting, each: Each) -> Groups:
     if resource.held_by is not None:
         yield [Releasing(resource.held_by)]
     for slot in (slot for copy in each(resource.copies) for slot in each(copy.slots)):
-        yield [Returning(next(iter(slot.handling)))] if slot.handling and slot is not claim.slot else None
+        yield [_emptied(slot)] if slot.handling and slot is not claim.slot else None
     key = -claim.priority, claim.arrival
     for one in each(resource.claims):
         yield [Granting(one)] if (-one.priority, one.arrival) < key else None
@@ -201,13 +213,15 @@ def _of_release(central: State, node: Releasing, each: Each) -> Groups:
     if not claim.is_granted:
         return
     if holder is None:
-        groups = dict.fromkeys(wait.together or (number,) for number, wait in claim.slot.waits.items())
-        yield from ([Waiting(claim.slot, number) for number in group] for group in groups)
+        waits = claim.slot.waits.items()
+        for group in dict.fromkeys(wait.together or (number,) for number, wait in waits):
+            yield [Waiting(claim.slot, number) for number in group]
     elif holder.slot is not None:
         yield [Returning(holder)]
     elif isinstance(holder, Task) and holder.retrying:
         children = (holder.children or {}).values() if not holder.suspended else ()
-        yield from (None if child.is_guest else [Place(child, END_ACHIEVING)] for child in each(children))
+        for child in each(children):
+            yield None if child.is_guest else [Place(child, END_ACHIEVING)]
     elif isinstance(holder, Task) and central.tree.tasks.get(holder.id) is holder:
         yield [Place(holder, END_ACHIEVING)]
 
@@ -220,22 +234,23 @@ def _of_point(central: State, place: Place, each: Each) -> Groups:
         yield from _of_killed(central, task, moment, each)
         return
     if task.queues and is_only_queued(task):
-        is_plain = all(resource.held_by is None and not resource.claims for resource in task.queues)
-        yield [Freeing(resource) for resource in task.queues] if is_plain else [Turn(task)]
+        is_plain = all(one.held_by is None and not one.claims for one in task.queues)
+        yield [Freeing(one) for one in task.queues] if is_plain else [Turn(task)]
         return
     yield from _of_its_handler(task, moment)
-    is_watching = task.message.message_class.is_monitor and task.reached & START_HANDLING
-    if is_watching and moment == END_HANDLING:
+    has_begun = task.reached & START_HANDLING and moment == END_HANDLING
+    if has_begun and task.message.message_class.is_monitor:
         yield from _of_test(task)
     yield from _of_order(central, task, moment, each)
 
 
 def is_only_queued(task: Task) -> bool:
     """Whether a task is in a queue, with nothing else before any of its points: most of what a wide goal waits for."""
-    if not task.queues or task.reached & START_HANDLING or task.leaders or task.children or task.retrying or task.rare:
+    has_more = task.leaders or task.children or task.retrying or task.rare
+    if not task.queues or has_more or task.reached & START_HANDLING or task.suspended:
         return False
     parent = task.parent
-    return not task.suspended and (task.ignores_parent or parent is None or bool(parent.reached & START_ACHIEVING))
+    return task.ignores_parent or parent is None or bool(parent.reached & START_ACHIEVING)
 
 
 def _of_test(monitor: Task) -> Groups:
@@ -243,35 +258,37 @@ def _of_test(monitor: Task) -> Groups:
     that its parent does not wait for ends with all else there, too: the oldest of that stands for it.
     """
     watch = monitor.more.watch
-    if watch is None or (condition := watch.condition) is None or watch.options.duration:
+    if watch is None or watch.condition is None or watch.options.duration:
         return
-    is_point = not monitor.message.is_aside
-    if (is_point or watch.options.maximum) and (condition.slot is not None or condition.queues):
-        ends: list[Node] = [Returning(condition) if condition.slot is not None else Turn(condition)]
-        if watch.waits_for is not None:
-            ends.append(Place(watch.waits_for, int(watch.options.until.moment)))
-        if (parent := monitor.parent) is not None and monitor.is_watcher and parent.id != ROOT:
-            others = (one for one in (parent.children or {}).values() if not one.is_watcher)
-            other = next(others, None) if parent.returned else None
-            ends.append(Place(parent, END_HANDLING) if other is None else Place(other, END_ACHIEVING))
-        yield ends
+    answer, is_point = _at_hand(watch.condition), not monitor.message.is_aside
+    if answer is None or not (is_point or watch.options.maximum):
+        return
+    ends: list[Node] = [answer]
+    if watch.waits_for is not None:
+        ends.append(Place(watch.waits_for, int(watch.options.until.moment)))
+    parent = monitor.parent
+    if parent is not None and monitor.is_watcher and parent.id != ROOT:
+        others = (one for one in (parent.children or {}).values() if not one.is_watcher)
+        other = next(others, None) if parent.returned else None
+        ends.append(Place(parent, END_HANDLING) if other is None else Place(other, END_ACHIEVING))
+    yield ends
 
 
 def _of_its_handler(task: Task, moment: int) -> Groups:
     starts = STARTS if task.delayed else START_HANDLING | delivered_at(task.is_goal)
-    ends = END_HANDLING | END_PLANNING | END_ACHIEVING
-    if task.slot is not None and moment & ends:
+    if task.slot is not None and moment & ENDS:
         yield [Returning(task)]
-    elif task.queues and (moment & starts or task.reached & START_HANDLING):  # or is to be handled again
-        yield [Turn(task)]
+    elif task.queues and (moment & starts or task.reached & START_HANDLING):
+        yield [Turn(task)]  # also where it is to be handled again
     elif moment == START_HANDLING:
         yield [Place(task, delivered_at(task.is_goal))]
 
 
 def together(place: Place) -> int:
     """The moments that come with one, and it, as bits: the starts of what is planned as late as it is achieved."""
-    task, moment = place
-    return START_PLANNING | START_ACHIEVING if task.delayed and moment & STARTS else moment
+    if place.task.delayed and place.moment & STARTS:
+        return START_PLANNING | START_ACHIEVING
+    return place.moment
 
 
 def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
@@ -279,13 +296,14 @@ def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
     same = together(Place(task, moment))
     for one in (one for one in SINGLE_MOMENTS if one & same):
         for before in predecessors(central.tree, Place(task, one), each):
-            is_the_same = before.task is task and bool(before.moment & same)
-            is_child = before.task.parent is task and before.moment == END_ACHIEVING
+            other = before.task
+            is_past = other.reached & before.moment or (other is task and before.moment & same)
+            is_child = other.parent is task and before.moment == END_ACHIEVING
             is_its_end = moment == END_ACHIEVING or task.retrying
-            if is_child and is_its_end and only_watches(central, before.task):
-                yield from _of_actions(central, before.task)
+            if is_child and is_its_end and only_watches(central, other):
+                yield from _of_actions(central, other)
             else:
-                yield None if is_the_same or before.task.reached & before.moment else [before]
+                yield None if is_past else [before]
 
 
 def only_watches(central: State, child: Task) -> bool:
@@ -293,9 +311,11 @@ def only_watches(central: State, child: Task) -> bool:
     if not child.is_watcher or child.parent is None or child.parent.id == ROOT:
         return False
     ahead = (END_HANDLING | END_ACHIEVING) & ~child.reached if not child.killed else 0
-    ends = ((leader_id, its) for at, leader_id, its in child.leaders or () if at & ahead)
-    leaders = ((central.tree.tasks.get(leader_id), its) for leader_id, its in ends if leader_id != child.id)
-    return all(leader is None or leader.reached & its for leader, its in leaders)
+    for moment, number, its in child.leaders or ():
+        leader = central.tree.tasks.get(number) if moment & ahead else None
+        if leader is not None and leader is not child and not leader.reached & its:
+            return False
+    return True
 
 
 def _of_actions(central: State, monitor: Task) -> Groups:

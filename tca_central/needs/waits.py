@@ -5,6 +5,7 @@ Of very many things only so many are looked at, and the first few told one by on
 
 from collections.abc import Iterable, Iterator
 from itertools import chain, islice
+from operator import attrgetter
 from typing import Any
 
 from msgspec.structs import replace
@@ -39,10 +40,11 @@ from tca_wire.points import (
     STARTS,
 )
 from tca_wire.vocabulary import Role
-from tca_wire.waits import WaitFor, WaitKind
+from tca_wire.waits import NAMED, WaitFor, WaitKind, first_ones
+from tca_wire.waits import ends as walker
 
-NAMED = 3
-"""Things of one kind that are told one by one."""
+AnyResource = Resource[Connection, Any]
+
 _ORDER = {WaitKind.RECOVERY: 0, WaitKind.PARENT: 2}
 """Exception handlers that decide are told first, the beginning of the parent last."""
 _LOOKED_AT = 10_000
@@ -64,7 +66,8 @@ def next_of(task: Task) -> Place:
 
 def waits_of(central: State, node: Node) -> list[WaitFor]:
     """The waits of a node, in the order of the tools; none if it comes about by itself."""
-    return sorted(_compact(_of_node(central, node)), key=lambda wait: _ORDER.get(wait.kind, 1))
+    found = _compact(_of_node(central, node))
+    return sorted(found, key=lambda wait: _ORDER.get(wait.kind, 1))
 
 
 def _of_node(central: State, node: Node) -> Iterator[WaitFor]:
@@ -85,20 +88,23 @@ def _of_node(central: State, node: Node) -> Iterator[WaitFor]:
             yield from _for_what(claim)
 
 
+def _about(kind: WaitKind, one: Delivery, moment: int = 0) -> WaitFor:
+    """A wait for a message or task."""
+    return WaitFor(kind, one.message_id, one.message.name, moment)
+
+
+def _at(kind: WaitKind, resource: AnyResource, because: Iterable[WaitFor]) -> WaitFor:
+    """A wait for something at a resource."""
+    module, name = resource.module, resource.name
+    return WaitFor(kind, module=module, resource=name, because=tuple(because))
+
+
 def _compact(waits: Iterable[WaitFor]) -> list[WaitFor]:
     """The first of each kind and moment, with how many more there are."""
-    groups: dict[tuple[WaitKind, int], list[WaitFor]] = {}
-    more: dict[tuple[WaitKind, int], int] = {}
+    groups: dict[object, list[WaitFor]] = {}
     for wait in dict.fromkeys(waits):
-        key = wait.kind, wait.moment
-        if len(groups.setdefault(key, [])) < NAMED:
-            groups[key].append(wait)
-        else:
-            more[key] = more.get(key, 0) + 1
-    for key, number in more.items():
-        last = groups[key][-1]
-        groups[key][-1] = replace(last, more=last.more + number)
-    return list(chain.from_iterable(groups.values()))
+        groups.setdefault((wait.kind, wait.moment), []).append(wait)
+    return [wait for group in groups.values() for wait in first_ones(group, len(group))]
 
 
 # --- tasks -----------------------------------------------------------------------------------------------------------
@@ -111,7 +117,7 @@ def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
         yield _whereabouts(central, task)
         return
     for handler in _deciding(task):
-        yield WaitFor(WaitKind.RECOVERY, handler.id, handler.message.name, END_ACHIEVING)
+        yield _about(WaitKind.RECOVERY, handler, END_ACHIEVING)
     places = [place]
     for own in places:  # grows while it is walked
         children = 0
@@ -120,16 +126,23 @@ def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
             if group is None:
                 continue
             if isinstance(group[0], Place) and group[0].task is task:
-                places += [one for one in group if isinstance(one, Place) and one not in places]
+                own_places = (one for one in group if isinstance(one, Place))
+                places += [one for one in own_places if one not in places]
                 continue
             wait = wait_for_group(central, own, group)
             children += wait.kind is WaitKind.SUBTASK
             if children == NAMED:  # the others need not be looked at
-                achieved_first = len(task.children or ()) - len(task.watchers or ())
-                all_of_them = task.unplanned if own.moment == END_PLANNING else achieved_first
-                yield replace(wait, more=max(all_of_them - NAMED, 0))
+                yield replace(wait, more=max(_children(own) - NAMED, 0))
                 break
             yield wait
+
+
+def _children(place: Place) -> int:
+    """The number of subtasks that are to be planned, or achieved, before it."""
+    task = place.task
+    if place.moment == END_PLANNING:
+        return task.unplanned
+    return len(task.children or ()) - len(task.watchers or ())
 
 
 def _deciding(task: Task) -> list[Task]:
@@ -142,18 +155,18 @@ def _deciding(task: Task) -> list[Task]:
 
 def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
     """Waits that are no nodes of the graph: time, a person's decision, a monitor's condition."""
-    task, moment = place
+    (task, moment), rare = place, place.task.rare
     if task.killed or task.reached & moment:
         return
     is_to_be_handled = task.retrying or (task.slot is None and not task.returned)
     if task.suspended and (moment & STARTS or is_to_be_handled):
         yield _resume(central, task)
-    if task.rare is None:
+    if rare is None:
         return
-    for pending, timer in task.rare.pending.items():
+    for pending, timer in rare.pending.items():
         if isinstance(pending, PendingDelay) and pending.moment & together(place):
             yield WaitFor(WaitKind.DELAY, seconds=timer.time)
-    if task.rare.watch is not None and task.rare.watch.is_on and moment != START_PLANNING:
+    if rare.watch is not None and rare.watch.is_on and moment != START_PLANNING:
         yield condition_of(task)
 
 
@@ -162,28 +175,31 @@ def _resume(central: State, task: Task) -> WaitFor:
     for above in task.lineage():
         if (how := central.tree.suspended.get(above.id)) is not None:
             since, by, is_born_so = how
-            name = above.message.name
-            return WaitFor(WaitKind.RESUME, above.id, name, module=by, seconds=since, since_birth=is_born_so)
+            found = _about(WaitKind.RESUME, above)
+            return replace(found, module=by, seconds=since, since_birth=is_born_so)
     return WaitFor(WaitKind.RESUME)
 
 
 def condition_of(monitor: Task) -> WaitFor:
     """The wait of a monitor for its condition."""
     watch = monitor.more.watch
+    number, name = 0, ""
     if watch.condition is not None:
-        return WaitFor(WaitKind.CONDITION, watch.condition.id, watch.condition.message.name, holds=watch.holds)
-    is_demon = not monitor.message.message_class.has_condition
-    return WaitFor(WaitKind.CONDITION, 0, "" if is_demon else watch.parts[0].name, holds=watch.holds)
+        number, name = watch.condition.id, watch.condition.message.name
+    elif monitor.message.message_class.has_condition:
+        name = watch.parts[0].name
+    return WaitFor(WaitKind.CONDITION, number, name, holds=watch.holds)
 
 
-def wait_for_group(central: State, node: Place | Releasing, group: Group) -> WaitFor:
+def wait_for_group(central: State, node: Place, group: Group) -> WaitFor:
     """The wait of a node for one group of the graph."""
     match group[0]:
         case Place(other, moment):
-            kind = _kind(node, other, moment)
-            by = next(iter(other.context.tap.holders), "") if kind is WaitKind.LISTENER else ""
-            return WaitFor(kind, other.id, other.message.name, moment, by)
-        case Returning(delivery) | Turn(delivery) if isinstance(node, Place) and delivery is not node.task:
+            wait = _about(_kind(node, other, moment), other, moment)
+            if wait.kind is WaitKind.LISTENER:
+                return replace(wait, module=next(iter(other.context.tap.holders), ""))
+            return wait
+        case Returning(one) | Turn(one) if one is not node.task:
             return condition_of(node.task)
         case Turn(delivery):
             return _whereabouts(central, delivery)
@@ -192,17 +208,16 @@ def wait_for_group(central: State, node: Place | Releasing, group: Group) -> Wai
     raise AssertionError(f"{node} never waits for {group[0]}")
 
 
-def _kind(node: Place | Releasing, other: Task, moment: int) -> WaitKind:
-    if not isinstance(node, Place):
-        return WaitKind.TASK
-    task = node.task
+def _kind(node: Place, other: Task, moment: int) -> WaitKind:
+    task, above = node.task, other.parent
     if other is task.parent and moment & together(node):
         return WaitKind.PARENT
-    if other.role is Role.EXCEPTION and (other.parent is task or other in _deciding(task)):
+    if other.role is Role.EXCEPTION and (above is task or other in _deciding(task)):
         return WaitKind.RECOVERY
     if other.role is Role.LISTENER:
         return WaitKind.LISTENER
-    if other.parent is task or (other.parent is not None and other.parent.is_watcher and other.above(task.id)):
+    is_under = above is not None and above.is_watcher and other.above(task.id)
+    if above is task or is_under:
         return WaitKind.SUBTASK
     return WaitKind.CONSTRAINT
 
@@ -217,7 +232,8 @@ def _of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
         return
     given = slot.handling[delivery]
     for number, wait in chain(slot.waits.items(), slot.pauses.items()):
-        if wait.origin == delivery.given_as if wait.is_coroutine else wait.since > given:
+        is_nested = wait.since > given
+        if wait.origin == delivery.given_as if wait.is_coroutine else is_nested:
             yield from _of_request(central, slot, number, is_first=False)
 
 
@@ -226,33 +242,37 @@ def _of_request(central: State, connection: Connection, number: int, *, is_first
     due = connection.outstanding.get(number)
     match due:
         case Delivery():
-            where = _whereabouts(central, due, is_first=is_first)
-            yield WaitFor(WaitKind.REPLY, due.message_id, due.message.name, because=(where,) if is_first else ())
+            because = (_whereabouts(central, due),) if is_first else ()
+            yield replace(_about(WaitKind.REPLY, due), because=because)
         case Collector():
             yield replies_to(central, due)
         case Claim():
             yield _of_claim(central, due)
         case TaskWait() if (task := central.tree.tasks.get(due.task_id)) is not None:
-            yield WaitFor(WaitKind.TASK, task.id, task.message.name, due.moment)
+            yield _about(WaitKind.TASK, task, due.moment)
         case Observation():
             observed = central.tree.tasks.get(due.task_id)
-            yield WaitFor(WaitKind.CHANGE, due.task_id, due.subject or (observed.message.name if observed else ""))
+            name = observed.message.name if observed else ""
+            yield WaitFor(WaitKind.CHANGE, due.task_id, due.subject or name)
         case PresenceWait():
-            missing = [message for message in due.messages if not message.serving]
-            yield from _compact(WaitFor(WaitKind.PRESENCE, name=message.name) for message in missing)
+            missing = [one.name for one in due.messages if not one.serving]
+            waits = [WaitFor(WaitKind.PRESENCE, name=name) for name in missing]
+            yield from _compact(waits)
 
 
 def replies_to(central: State, collector: Collector) -> WaitFor:
     """The wait of a multi-query: for those that have not answered."""
-    because = tuple(_whereabouts(central, copy, is_first=False) for copy in collector.pending.values())
-    return WaitFor(WaitKind.REPLY, collector.id, collector.message.name, answered=collector.answered, because=because)
+    copies, name = collector.pending.values(), collector.message.name
+    because = tuple(_whereabouts(central, one, is_first=False) for one in copies)
+    reply = WaitFor(WaitKind.REPLY, collector.id, name, because=because)
+    return replace(reply, answered=collector.answered)
 
 
 def _whereabouts(central: State, delivery: Delivery, *, is_first: bool = True) -> WaitFor:
     """The place of a message: with a handler, in a queue, nowhere."""
     if delivery.slot is not None and (resource := delivery.slot.resource) is not None:
-        because = tuple(_of_handler(central, delivery)) if is_first else ()
-        return WaitFor(WaitKind.RUNNING, module=resource.module, resource=resource.name, because=because)
+        waits = _of_handler(central, delivery) if is_first else ()
+        return _at(WaitKind.RUNNING, resource, waits)
     if not delivery.queues:
         return WaitFor(WaitKind.HANDLER, name=delivery.message.name)
     resource, *others = delivery.queues
@@ -262,28 +282,30 @@ def _whereabouts(central: State, delivery: Delivery, *, is_first: bool = True) -
 # --- resources -------------------------------------------------------------------------------------------------------
 
 
-def of_resource(central: State, resource: Resource[Connection, Any], node: Node, more: int = 0) -> WaitFor:
+def of_resource(central: State, resource: AnyResource, node: Node, more: int = 0) -> WaitFor:
     """The wait of a node for a resource, or one of so many *more*."""
-    because = tuple(_blockers(central, node)) if resource.slots else (WaitFor(WaitKind.HANDLER),)
-    return WaitFor(WaitKind.RESOURCE, module=resource.module, resource=resource.name, more=more, because=because)
+    because = [WaitFor(WaitKind.HANDLER)]
+    if resource.slots:
+        because = _blockers(central, node)
+    return replace(_at(WaitKind.RESOURCE, resource, because), more=more)
 
 
 def _of_claim(central: State, claim: Claim[Connection]) -> WaitFor:
     """The wait of a claim for its resource."""
-    module, resource = claim.resource.module, claim.resource.name
-    because = tuple(_blockers(central, Granting(claim)))
-    return WaitFor(WaitKind.LOCK, claim.id, _called(claim), module=module, resource=resource, because=because)
+    lock = _at(WaitKind.LOCK, claim.resource, _blockers(central, Granting(claim)))
+    return replace(lock, number=claim.id, name=_called(claim))
 
 
 def _blockers(central: State, node: Node) -> list[WaitFor]:
     """The waits of those that are in a resource, have it or want it first."""
     found = []
-    for one in chain.from_iterable(group for group in islice(needs(central, node), _LOOKED_AT) if group is not None):
+    groups = islice(needs(central, node), _LOOKED_AT)
+    for one in (one for group in groups for one in group or ()):
         match one:
             case Freeing():
                 found += _blockers(central, one)
             case Returning(delivery):
-                found.append(_running(delivery))
+                found.append(_about(WaitKind.RUNNING, delivery))
             case Granting(claim):
                 found.append(_claim_wait(claim, WaitKind.LOCK))
             case Releasing(claim):
@@ -292,18 +314,17 @@ def _blockers(central: State, node: Node) -> list[WaitFor]:
 
 
 def _claim_wait(claim: Claim[Connection], kind: WaitKind) -> WaitFor:
-    return WaitFor(kind, 0, _called(claim), module=claim.slot.module.name, because=tuple(_for_what(claim)))
+    module = claim.slot.module.name
+    return WaitFor(kind, 0, _called(claim), module=module, because=_for_what(claim))
 
 
-def _for_what(claim: Claim[Connection]) -> Iterator[WaitFor]:
+def _for_what(claim: Claim[Connection]) -> tuple[WaitFor, ...]:
     """The message for which somebody wants a resource, or has it."""
     holder = claim.holder
-    if holder is not None:
-        yield _running(holder) if holder.slot is not None else WaitFor(WaitKind.TASK, holder.id, holder.message.name)
-
-
-def _running(delivery: Delivery) -> WaitFor:
-    return WaitFor(WaitKind.RUNNING, delivery.message_id, delivery.message.name)
+    if holder is None:
+        return ()
+    kind = WaitKind.RUNNING if holder.slot is not None else WaitKind.TASK
+    return (_about(kind, holder),)
 
 
 def _called(claim: Claim[Connection]) -> str:
@@ -313,64 +334,60 @@ def _called(claim: Claim[Connection]) -> str:
 # --- in the end ------------------------------------------------------------------------------------------------------
 
 
+def _begun(node: Node) -> Node:
+    """The beginning of a task that has not begun; of others the node itself."""
+    if not isinstance(node, Place) or node.task.reached & START_HANDLING or node.task.killed:
+        return node
+    return next_of(node.task)
+
+
 class Ends:
     """Final waits, found by following the first wait of each; all searches together look at *edges* edges."""
 
     def __init__(self, central: State, edges: int) -> None:
         self.edges = edges
         self._central = central
-        self._known: dict[Node, WaitFor] = {}
+        self._walk: walker.Ends[Node, WaitFor] = walker.Ends(self)
 
     def end_of(self, node: Node) -> WaitFor | None:
         """The final wait of a node; None if that was too far to look."""
-        if self.edges <= 0:
+        try:
+            return self._walk.of(node)[0]
+        except walker.TooFarError:
             return None
-        trail: dict[Node, None] = {}
-        end: WaitFor | None = None
-        while end is None:
-            if isinstance(node, Place) and not node.task.reached & START_HANDLING and not node.task.killed:
-                node = next_of(node.task)
-            if node in trail:
-                end = self._circle(node, trail)
-            elif node in self._known:
-                end = self._known[node]
-            else:
-                trail[node] = None
-                group = self._first_group(node)
-                if self.edges <= 0:
-                    return None
-                end = None if group else self._at_rest(node)
-                node = group[0] if group else node
-        self._known.update(dict.fromkeys(trail, end))
-        return end
 
-    def _first_group(self, node: Node) -> Group | None:
+    def steps(self, node: Node) -> tuple[list[Node], list[WaitFor]]:
+        """The first wait of a node. What has not begun is waited for by way of its beginning."""
         for group in needs(self._central, node):
-            self.edges -= 1
-            if group is not None or self.edges <= 0:
-                return group
+            self._count_edge()
+            if group is not None:
+                return [_begun(group[0])], []
+        self._count_edge()
+        return [], [self._at_rest(node)]
+
+    def _count_edge(self) -> None:
+        if self.edges <= 0:
+            raise walker.TooFarError
         self.edges -= 1
-        return None
+
+    def circle(self, nodes: list[Node]) -> WaitFor:
+        """Nodes that wait for each other: told by the oldest task among them."""
+        tasks = [one.task for one in nodes if isinstance(one, Place)]
+        first = min(tasks, key=attrgetter("id"), default=None)
+        return _about(WaitKind.CIRCLE, first) if first else WaitFor(WaitKind.CIRCLE)
 
     def _at_rest(self, node: Node) -> WaitFor:
         match node:
             case Returning(delivery):
-                where = _whereabouts(self._central, delivery)
-                return replace(where, number=delivery.message_id, name=delivery.message.name)
+                where, message = _whereabouts(self._central, delivery), delivery.message
+                return replace(where, number=delivery.message_id, name=message.name)
             case Releasing(claim):
-                return replace(_claim_wait(claim, WaitKind.LOCKED), resource=claim.resource.name)
+                locked = _claim_wait(claim, WaitKind.LOCKED)
+                return replace(locked, resource=claim.resource.name)
             case Place(task, _) if task.queues is not None:
                 return _whereabouts(self._central, task)
             case Place(task, moment):
-                reached = WaitFor(WaitKind.CONSTRAINT, task.id, task.message.name, moment)
+                reached = _about(WaitKind.CONSTRAINT, task, moment)
                 return next(_without_node(self._central, node), reached)
             case _:
-                return next(iter(waits_of(self._central, node)), WaitFor(WaitKind.RUNNING))
-
-    @staticmethod
-    def _circle(node: Node, trail: Iterable[Node]) -> WaitFor:
-        """It waits for itself: told by a task that is in the circle."""
-        circle = list(trail)
-        circle = circle[circle.index(node) :]
-        task = next((one.task for one in circle if isinstance(one, Place)), None)
-        return WaitFor(WaitKind.CIRCLE, task.id if task else 0, task.message.name if task else "")
+                return [*waits_of(self._central, node), WaitFor(WaitKind.RUNNING)][0]

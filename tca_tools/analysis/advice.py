@@ -4,7 +4,7 @@ Each piece of advice has a bound of its own. They may be about the same seconds,
 """
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from tca_tools.analysis import advice_words as words
@@ -50,15 +50,19 @@ def advice(
     for one in filter(None, (path, other)):
         window = max(one.start, handling[0]), min(one.end, handling[1])
         called = f"critical path of {one.task}" if other else "critical path"
-        told = [*_on_failures(one, kinds, window, called), *_on_waits(run, causes, one, window, uses, least, called)]
+        told = [*_on_failures(one, kinds, window, called)]
+        told += _on_waits(run, held_up(run, causes, one, window, least), one, window, uses, called)
         told = [new for new in told if new.saving >= least]
         if one is not path:
             known = {known.title for known in on_path}
-            told = [replace(new, on_path=0.0, sooner=str(one.task)) for new in told if new.title not in known]
+            others = (new for new in told if new.title not in known)
+            told = [replace(new, on_path=0.0, sooner=str(one.task)) for new in others]
         on_path += told
     queues = [_on_queue(queue, on_path, handling) for queue in growing(run, *handling)]
-    found += [*queues, *(one for one in on_path if one.title not in {queue.title for queue in queues})]
-    return sorted((one for one in found if one.saving >= least), key=lambda one: (-one.on_path, -one.saving))
+    titles = {queue.title for queue in queues}
+    found += queues + [one for one in on_path if one.title not in titles]
+    found = [one for one in found if one.saving >= least]
+    return sorted(found, key=lambda one: (-one.on_path, -one.saving))
 
 
 def _of_spans(
@@ -69,7 +73,8 @@ def _of_spans(
     longest = max(range(len(spans)), key=lambda place: spans[place][1] - spans[place][0])
     moves_end = saving if on_path is None else min(on_path, saving)
     known["seconds"] = duration(saving)
-    return said.filled(saving, moves_end, len(spans), told[longest], spans[longest], **known)
+    example, span = told[longest], spans[longest]
+    return said.filled(saving, moves_end, len(spans), example, span, **known)
 
 
 # --- failures ------------------------------------------------------------------------------------------------------
@@ -81,13 +86,14 @@ def _on_failures(path: CriticalPath, kinds: list[FailureKind], window: Span, cal
     """
     ends = {(step.message_id, step.end) for step in path.steps}
     for kind in kinds:
-        cases = [one for one in kind.cases if one.fate in GOOD_FATES and (one.message_id, one.time) in ends]
-        if cases:
-            told = [
-                f"{one.of}, at {run_time(one.time)}, {duration(one.cost)}" + f": {one.text}" * bool(one.text)
-                for one in cases
-            ]
-            spans, failure, message = [one.span for one in cases], kind.failure, kind.message
+        spans, told = list[Span](), list[str]()
+        for case in kind.cases:
+            if case.fate in GOOD_FATES and (case.message_id, case.time) in ends:
+                text = f"{case.of}, at {run_time(case.time)}, {duration(case.cost)}"
+                told.append(f"{text}: {case.text}" if case.text else text)
+                spans.append(case.span)
+        failure, message = kind.failure, kind.message
+        if spans:
             yield _of_spans(words.FAILED, spans, window, told, failure=failure, message=message, path=called)
 
 
@@ -97,10 +103,10 @@ def _on_failures(path: CriticalPath, kinds: list[FailureKind], window: Span, cal
 def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice:
     chance, chances = overlap.chances[0], overlap.chances
     on_path = {(id(step.handling), step.start) for step in path.steps} if path else set()
-    saved_on_path = sum(
-        min(one.saving, sum(step.seconds for step in one.steps if (id(step.handling), step.start) in on_path))
-        for one in chances
-    )
+    saved_on_path = 0.0
+    for one in chances:
+        steps = (step for step in one.steps if (id(step.handling), step.start) in on_path)
+        saved_on_path += min(one.saving, sum(step.seconds for step in steps))
     first, second = run.name(chance.first), run.name(chance.second)
     example = (
         f"{run_time(chance.start)} to {run_time(chance.end)}, between {run.describe(chance.first)} and "
@@ -122,7 +128,8 @@ def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice
 def _on_queue(queue: Growing, on_path: list[Advice], run: Span) -> Advice:
     """A queue that only grows; instead of what there is to say of the waits in it that lie on the path."""
     name = place(*queue.key)
-    waits = next((one for one in on_path if one.title == words.QUEUE.title.format(name=name)), None)
+    title = words.QUEUE.title.format(name=name)
+    waits = next((one for one in on_path if one.title == title), None)
     example = f"the oldest of the queue had waited {duration(queue.longest)} at {run_time(queue.end)}"
     longest = Cover([(queue.end - queue.longest, queue.end)]).within(*run)
     return words.GROWING.filled(
@@ -138,18 +145,19 @@ def _on_queue(queue: Growing, on_path: list[Advice], run: Span) -> Advice:
 
 
 def _on_waits(
-    run: Run, causes: Causes, path: CriticalPath, window: Span, uses: list[Use], at_least: float, called: str
-) -> Iterator[Advice]:
+    run: Run, held_up: Iterable[HeldUp], path: CriticalPath, window: Span, uses: list[Use], called: str
+) -> Iterator[Advice]:  # fmt: skip
     """Advice for each kind of wait that lies on a path within a window; *called* is what to call the path."""
     by_name = {use.name: use for use in uses}
-    for held in held_up(run, causes, path, window, at_least):
+    for held in held_up:
         yield _on_wait(run, held, by_name, window, called)
     delays: dict[str, list[PathStep]] = defaultdict(list)
     for step in path.steps:
         if step.doing is Doing.DELAY:
             delays[run.name(step.message_id)].append(step)
     for name, steps in delays.items():
-        spans, told = [(step.start, step.end) for step in steps], [run.describe(step.message_id) for step in steps]
+        spans = [(step.start, step.end) for step in steps]
+        told = [run.describe(step.message_id) for step in steps]
         yield _of_spans(words.DELAY, spans, window, told, name=name, path=called)
 
 
@@ -161,7 +169,8 @@ def _on_wait(run: Run, held: HeldUp, uses: dict[str, Use], window: Span, called:
         least = use.worked / (use.capacity + 1)
         rest = max(use.window[1] - use.window[0] - least, 0.0)
         if window[1] >= use.window[1] and saving > rest:
-            saving, but = rest, f": what it has to do would still take {duration(least)}"
+            saving = rest
+            but = f": what it has to do would still take {duration(least)}"
     return longest.words.filled(
         saving, saving, len(held.waits), _longest(run, longest, step), (longest.start, longest.end),
         name=longest.name, seconds=duration(held.seconds), busy=busy, but=but, path=called,
@@ -185,29 +194,32 @@ def _on_standing(run: Run, path: CriticalPath | None, window: Span) -> Iterator[
     """Of messages that nobody handled, and of suspended tasks: how long at most one of a name stood."""
     on_path: dict[tuple[Topic, str], float] = defaultdict(float)
     for step in path.steps if path else ():
-        if step.doing in _STANDING:
-            on_path[_STANDING[step.doing], run.name(step.message_id)] += Cover([(step.start, step.end)]).within(*window)
+        if (topic := _STANDING.get(step.doing)) is not None:
+            seconds = Cover([(step.start, step.end)]).within(*window)
+            on_path[topic, run.name(step.message_id)] += seconds
     found: dict[tuple[Topic, str], list[tuple[Span, str]]] = defaultdict(list)
-    for topic, number, start, end, who in _stood(run):
-        span = start, run.time if end is None else end
+    for topic, number, (start, end), who in _stood(run):
+        span = start, min(end, run.time)
         told = f"{run.describe(number)}{who}, from {run_time(start)}, {duration(span[1] - start)}"
         found[topic, run.name(number)].append((span, told))
     for (topic, name), alike in found.items():
         spans, texts = [span for span, _ in alike], [text for _, text in alike]
-        unhandled = words.NOT_HANDLED if run.offers.get(name) else words.NEVER_HANDLED
-        said = unhandled if topic is Topic.HANDLER else words.SUSPENDED
+        said = words.SUSPENDED
+        if topic is Topic.HANDLER:
+            said = words.NOT_HANDLED if run.offers.get(name) else words.NEVER_HANDLED
         yield _of_spans(said, spans, window, texts, on_path[topic, name], name=name)
 
 
-def _stood(run: Run) -> Iterator[tuple[Topic, int, float, float | None, str]]:
+def _stood(run: Run) -> Iterator[tuple[Topic, int, Span, str]]:
     """The standstills: topic, message, start, end, and who suspended it."""
-    for queueing in run.queueings:
-        if not queueing.module:
-            yield Topic.HANDLER, queueing.message_id, queueing.start, queueing.end, ""
+    for one in run.queueings:
+        if not one.module:
+            yield Topic.HANDLER, one.message_id, (one.start, one.until), ""
     for suspension in run.suspensions():
         if (since := suspension.standstill) is not None:
             whom = by_whom(suspension.by)
-            yield Topic.SUSPENDED, suspension.task, since, suspension.end, f" suspended{whom}" if whom else ""
+            who = f" suspended{whom}" if whom else ""
+            yield Topic.SUSPENDED, suspension.task, (since, suspension.until), who
 
 
 _STANDING = {Doing.NO_HANDLER: Topic.HANDLER, Doing.SUSPENDED: Topic.SUSPENDED}

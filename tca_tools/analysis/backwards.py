@@ -19,7 +19,7 @@ from tca_tools.analysis.steps import Doing, PathStep, delay_of
 from tca_tools.explain.wait import has_come
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.coordinators import ends_waited_for
-from tca_tools.journal.records import Claim, HandlerWait, Handling, Message, Task
+from tca_tools.journal.records import Claim, HandlerWait, Handling, Hold, Message, Task
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Role
@@ -41,6 +41,7 @@ _Over = tuple[float, float, HandlerWait]
 """When a wait was over, and what had come last by then: when, and the wait for that."""
 _END = itemgetter(0)
 _Back = tuple[PathStep | None, _At | None]
+_Since = Callable[[PathStep], float | None]
 """A step back, if it took time, and where the walk stands before it; None where it begins."""
 
 
@@ -49,11 +50,11 @@ class Causes:
 
     def __init__(self, run: Run) -> None:
         self._run = run
-        self._released = {
-            claim.end: claim for claim in run.claims.values() if claim.end is not None and claim.granted is not None
-        }
-        handlings = (one for message in run.messages.values() for one in message.handlings)
-        self._returned = {(one.message_id, one.end): one for one in handlings}  # a task may have thousands
+        granted = (claim for claim in run.claims.values() if claim.granted is not None)
+        self._released = {claim.end: claim for claim in granted if claim.end is not None}
+        self._returned: dict[tuple[int, float | None], Handling] = {}  # a task may have thousands
+        for message in run.messages.values():
+            self._returned.update(((one.message_id, one.end), one) for one in message.handlings)
         self._outside = {name: self._as_ended(one.waits, is_outside=True) for name, one in run.modules.items()}
         self._over: dict[int, list[_Over]] = {}
         """The waits of handlers that were walked through, by their ends."""
@@ -62,19 +63,23 @@ class Causes:
         """The steps that led to what happened at *time* to a message, or that a handler did then; the newest first."""
         return self._back(_At(time, message_id, handling), lambda _: None)
 
-    def back_before(self, step: PathStep, since: Callable[[PathStep], float | None]) -> Iterator[PathStep]:
+    def back_before(self, step: PathStep, since: _Since) -> Iterator[PathStep]:
         """The steps before *step*, newest first, as if there had been no waits before those for which *since* says from
         when on they waited: from there the walk goes on with who waited, not with what he waited for.
         """
         start = since(step)
         return self._back(_before(step, step.start if start is None else start), since)
 
-    def _back(self, first: _At, since: Callable[[PathStep], float | None]) -> Iterator[PathStep]:
+    def _back(self, first: _At, since: _Since) -> Iterator[PathStep]:
         at: _At | None = first
         seen = set()
-        while at is not None and (place := (at.time, at.message_id, id(at.handling))) not in seen:
+        while at is not None:
+            place = at.time, at.message_id, id(at.handling)
+            if place in seen:
+                return
             seen.add(place)
-            step, at = self._in_handler(at, at.handling) if at.handling else self._at_event(at)
+            run = at.handling
+            step, at = self._in_handler(at, run) if run else self._at_event(at)
             if step is not None and step.end > step.start:
                 yield step
                 if (start := since(step)) is not None:
@@ -84,14 +89,15 @@ class Causes:
         """Back to where the handler last resumed, or else began."""
         if (over := self._over.get(id(handling))) is None:
             ends = ends_waited_for(self._run, handling)
-            own = (wait for wait in handling.waits if not (ends and wait.kind is WaitKind.CHANGE))  # any news wakes it
-            over = self._over[id(handling)] = self._as_ended([*own, *ends])
+            waits = list(handling.waits)
+            if ends:  # any news wakes it
+                waits = [wait for wait in waits if wait.kind is not WaitKind.CHANGE]
+            over = self._over[id(handling)] = self._as_ended([*waits, *ends])
         place = bisect_right(over, at.time, key=_END)
         start, wait = over[place - 1][1:] if place else (handling.start, None)
-        before = _At(start, wait.awaited, wait=wait) if wait else _At(start, handling.message_id)
-        message = handling.message_id
-        step = PathStep(start, at.time, Doing.WORK, message, handling.module, handling.resource, handling, wait)
-        return step, before
+        number, where = handling.message_id, (handling.module, handling.resource)
+        step = PathStep(start, at.time, Doing.WORK, number, *where, handling, wait)
+        return step, _At(start, wait.awaited if wait else number, wait=wait)
 
     def _as_ended(self, waits: Sequence[HandlerWait], *, is_outside: bool = False) -> list[_Over]:
         """Waits that are over, as they ended. What takes no time is over with the event that begins it; but a program
@@ -103,12 +109,14 @@ class Causes:
         for end, wait in sorted(ended, key=_END):
             if wait.kind is WaitKind.PRESENCE:
                 continue  # who came is told nowhere
-            since, is_in_vain = end, not has_come(self._run, wait)
-            if is_in_vain and (wait.kind is WaitKind.CHANGE or (found and found[-1][0] >= wait.start)):
+            is_late = wait.kind is WaitKind.CHANGE or (found and found[-1][0] >= wait.start)
+            if is_late and not has_come(self._run, wait):
                 continue
+            since = end
             if wait.start == end:
-                task = self._run.tasks.get(wait.awaited) if is_outside and wait.moment else None
-                since = task.time_of(wait.moment) if task is not None and wait.moment else end
+                task = self._run.tasks.get(wait.awaited)
+                if is_outside and task is not None and wait.moment:
+                    since = task.time_of(wait.moment)
                 if since >= end:
                     continue
             is_last = not found or since >= found[-1][1]
@@ -138,58 +146,70 @@ class Causes:
         """
         own = self._returned.get((message.id, at.time)) if message else None
         ended = own or self._run.asker_at(at.time)
-        waited = at.wait.by if at.wait else None
-        return ended if isinstance(ended, Handling) and ended is not waited and ended.start < at.time else None
+        if not isinstance(ended, Handling) or (at.wait is not None and ended is at.wait.by):
+            return None
+        return ended if ended.start < at.time else None
 
     def _by(self, module: str, by: Handling | None, number: int, time: float) -> _Back:
         """Back into the handler that did something; or to where the program last waited, outside of any handler."""
-        if by is not None and by.start < time and (by.end is None or by.end >= time):
+        if by is not None and by.start < time <= by.until:
             return None, _At(time, number, by)
-        if by is not None and by.end is not None and by.end < time:
-            return PathStep(by.end, time, Doing.OUTSIDE, number, module), _At(by.end, by.message_id, by)  # beside it
+        if by is not None and by.end is not None and by.end < time:  # beside it
+            step = PathStep(by.end, time, Doing.OUTSIDE, number, module)
+            return step, _At(by.end, by.message_id, by)
         outside = self._outside.get(module, []) if by is None else []
         if not (place := bisect_left(outside, time, key=_END)):
             return None, None
         _, start, wait = outside[place - 1]
-        return PathStep(start, time, Doing.OUTSIDE, number, module, resumed=wait), _At(start, wait.awaited, wait=wait)
+        step = PathStep(start, time, Doing.OUTSIDE, number, module, resumed=wait)
+        return step, _At(start, wait.awaited, wait=wait)
 
     def _at_claim(self, at: _At) -> _Back | None:
         """Back into who had a lock until then; or from a lock that was wanted until then, to where it was asked for."""
-        wanted, held = self._run.claims.get(at.message_id), self._released.get(at.time)
-        if held is None or held is wanted or held.granted is None or held.granted >= at.time:
-            return None if wanted is None else self._wanted(wanted, at.time)
-        if held.by is not None and held.by.start < at.time and (held.by.end is None or held.by.end >= at.time):
-            return None, _At(at.time, at.message_id, held.by)
-        return PathStep(held.granted, at.time, Doing.LOCKED, at.message_id, held.sender), _At(held.granted, held.id)
+        time, number = at.time, at.message_id
+        wanted, held = self._run.claims.get(number), self._released.get(time)
+        since = held.granted if held is not None and held is not wanted else None
+        if held is None or since is None or since >= time:
+            return None if wanted is None else self._wanted(wanted, time)
+        if held.by is not None and held.by.start < time <= held.by.until:
+            return None, _At(time, number, held.by)
+        return PathStep(since, time, Doing.LOCKED, number, held.sender), _At(since, held.id)
 
     def _wanted(self, claim: Claim, time: float) -> _Back:
         """Back to where a lock was asked for: nothing is known that let it be granted, or it was wanted in vain."""
         if claim.start >= time:
             return self._by(claim.sender, claim.by, claim.id, time)
-        message = claim.by.message_id if claim.by else claim.id
-        step = PathStep(claim.start, time, Doing.LOCKED, message, claim.module, claim.resource)
+        number = claim.by.message_id if claim.by else claim.id
+        where = claim.module, claim.resource
+        step = PathStep(claim.start, time, Doing.LOCKED, number, *where)
         return step, _At(claim.start, claim.id)
 
     # --- events without an origin: a time was due, or a cut-off ---------------------------------------------------
 
     def _without_asker(self, message: Message, at: _At) -> _Back:
-        time = at.time
+        time, number = at.time, message.id
         if message.role in (Role.CONDITION, Role.ACTION) and message.received == time:
             return self._monitored(message, time)
-        queueings = [*message.queueings, *self._run.copies.get(message.id, ())]
-        queueing = next((one for one in queueings if one.end == time and one.start < time), None)
-        if queueing is not None:
-            doing = Doing.QUEUED if queueing.module else Doing.NO_HANDLER
-            step = PathStep(queueing.start, time, doing, message.id, queueing.module, queueing.resource)
-            return step, _At(queueing.start, message.id)
-        for hold in message.holds if isinstance(message, Task) else ():
-            if hold.over == time and isinstance(message, Task):
-                start, cause = delay_of(self._run, message, hold)
-                start = start if start < time else min(hold.added, time)  # it counts from when it was asked for
-                return PathStep(start, time, Doing.DELAY, message.id, ""), _At(start, cause)
+        for queueing in (*message.queueings, *self._run.copies.get(number, ())):
+            if queueing.end == time and queueing.start < time:
+                doing = Doing.QUEUED if queueing.module else Doing.NO_HANDLER
+                where = queueing.module, queueing.resource
+                step = PathStep(queueing.start, time, doing, number, *where)
+                return step, _At(queueing.start, number)
+        if isinstance(message, Task):
+            for hold in message.holds:
+                if hold.over == time:
+                    return self._delayed(message, hold, time)
         if message.received == time:
-            return None, (_At(time, message.about) if message.about in self._run.messages else None)
+            is_known = message.about in self._run.messages
+            return None, _At(time, message.about) if is_known else None
         return self._cut_off(message, at)
+
+    def _delayed(self, task: Task, hold: Hold, time: float) -> _Back:
+        """Back over a delay; if its point was late, to where it was asked for."""
+        start, cause = delay_of(self._run, task, hold)
+        start = start if start < time else min(hold.added, time)
+        return PathStep(start, time, Doing.DELAY, task.id), _At(start, cause)
 
     def _monitored(self, message: Message, time: float) -> _Back:
         """Central asks a monitor's condition, or sends its action, when the time has come: back to its start."""
@@ -199,18 +219,19 @@ class Causes:
         start = monitor.reached.get(Moment.START_HANDLING, monitor.received)
         if start >= time:
             return None, _At(time, monitor.id)
-        return PathStep(start, time, Doing.WATCHING, monitor.id, ""), _At(start, monitor.id)
+        return PathStep(start, time, Doing.WATCHING, monitor.id), _At(start, monitor.id)
 
     def _cut_off(self, message: Message, at: _At) -> _Back:
         """It was killed or suspended then, or somebody no longer waited for it: back to what it waited for itself."""
-        was_killed = any(message.written(name, at.time) == at.time for name in ("killed", "failure"))
-        if (back := self._going_on(message, at.time)) is not None:
+        time = at.time
+        if (back := self._going_on(message, time)) is not None:
             return back
-        if at.wait is not None and at.wait.start < at.time and not was_killed:
-            return self._in_vain(at.wait, at.time)
-        since = last_change(self._run, message, at.time)
+        was_killed = time in (message.written("killed", time), message.written("failure", time))
+        if at.wait is not None and at.wait.start < time and not was_killed:
+            return self._in_vain(at.wait, time)
+        since = last_change(self._run, message, time)
         doing = Doing.KILLED if was_killed else Doing.UNKNOWN
-        return PathStep(since, at.time, doing, message.id, ""), _At(since, message.id)
+        return PathStep(since, time, doing, message.id), _At(since, message.id)
 
     def _going_on(self, message: Message, time: float) -> _Back | None:
         """Back to what something waited for just before a time."""
@@ -227,15 +248,17 @@ class Causes:
         message = self._run.messages.get(wait.awaited)
         if message is not None and (back := self._going_on(message, time)) is not None:
             return back
-        message_id, run = (wait.by.message_id, wait.by) if isinstance(wait.by, Handling) else (wait.awaited, None)
-        return PathStep(wait.start, time, Doing.UNKNOWN, wait.awaited, ""), _At(wait.start, message_id, run)
+        step, by = PathStep(wait.start, time, Doing.UNKNOWN, wait.awaited), wait.by
+        if isinstance(by, Handling):
+            return step, _At(wait.start, by.message_id, by)
+        return step, _At(wait.start, wait.awaited)
 
 
 def _resumed(task: Task, time: float) -> PathStep | None:
     """The part of a suspension that was over then in which nothing ran any more."""
     for one in task.suspensions:
         if one.end == time and (since := one.standstill) is not None and since < time:
-            return PathStep(since, time, Doing.SUSPENDED, one.cause, "")
+            return PathStep(since, time, Doing.SUSPENDED, one.cause)
     return None
 
 

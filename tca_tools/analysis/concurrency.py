@@ -19,8 +19,8 @@ from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.resources import Key, capacity_of
 from tca_tools.analysis.step_words import named, waited
 from tca_tools.analysis.steps import Doing, PathStep
+from tca_tools.explain.graph import waits_now
 from tca_tools.explain.wait_words import told
-from tca_tools.explain.waits import waits_now
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import Handling, Task
 from tca_tools.journal.whole_run import Run
@@ -76,7 +76,7 @@ def overlaps(run: Run, causes: Causes) -> list[Overlap]:
     seen: set[tuple[int, float]] = set()
     for acting, runs in run.runs.items():
         commands = [handling for handling in runs if _acts(run, handling.message_id)]
-        for chance in _chances(run, causes, covers, acting, commands):
+        for chance in _Acting(run, causes, covers, acting).chances(commands):
             plan = id(chance.steps[0].handling), chance.steps[0].start
             if plan not in seen:  # two resources may wait for the same plan
                 seen.add(plan)
@@ -91,66 +91,76 @@ def overlaps(run: Run, causes: Causes) -> list[Overlap]:
 def _acts(run: Run, message_id: int) -> bool:
     """Whether a message is a command, and none that something else brought about."""
     message = run.messages.get(message_id)
-    return message is not None and message.message_class.only_acts and message.role not in _REACTIONS
+    if message is None or message.role in _REACTIONS:
+        return False
+    return message.message_class.only_acts
 
 
-def _chances(
-    run: Run, causes: Causes, covers: dict[Key, Cover], acting: Key, commands: list[Handling]
-) -> Iterator[Chance]:
+@dataclass(slots=True)
+class _Acting:
     """The gaps of one resource in which something was planned that could have been before."""
-    last, end, acts_since = None, 0.0, 0.0
-    for handling in commands:
-        if last is None:
-            end = acts_since = handling.start
-        elif handling.start > end and (found := _held_in(run, causes, acting, handling, end)):
-            held, steps = found
-            saving = _saving(run, covers, held, steps, acts_since)
-            if saving > 0:
-                ids = last.message_id, handling.message_id
-                yield Chance(acting, *ids, held, end, handling.start, steps, saving)
-            acts_since = handling.start
-        if last is None or handling.end is None or handling.end > end:
-            end, last = run.time if handling.end is None else handling.end, handling
 
+    run: Run
+    causes: Causes
+    covers: dict[Key, Cover]
+    key: Key
 
-def _held_in(
-    run: Run, causes: Causes, acting: Key, second: Handling, gap: float
-) -> tuple[PathStep, list[PathStep]] | None:  # fmt: skip
-    """The step that an order held back until a gap, and the steps planned from there on."""
-    message = run.messages[second.message_id]
-    if any(one.start < gap and (one.end is None or one.end > gap) for one in message.queueings):
-        return None  # there was something to act: only it could not begin
-    steps: list[PathStep] = []
-    for step in causes.back_from(second.start, second.message_id):
-        if step.end <= gap:
-            break
-        steps.insert(0, step)
-    else:
-        return None  # somebody acted of his own will
-    if not steps or steps[0].start < gap:
-        return None  # the planning went on already: its speed is what counts
-    number = next((n for n, step in enumerate(steps) if _was_held(run, step, gap)), len(steps))
-    planning = [step for step in steps[number:] if _plans(run, step, acting)]
-    return (steps[number], planning) if planning else None
+    def chances(self, commands: list[Handling]) -> Iterator[Chance]:
+        """Those between its commands."""
+        if not commands:
+            return
+        last = commands[0]
+        end = acts_since = last.start
+        for handling in commands:
+            if handling.start > end and (found := self._held_in(handling, end)):
+                held, steps = found
+                saving = _saving(self.run, self.covers, held, steps, acts_since)
+                if saving > 0:
+                    ids = last.message_id, handling.message_id
+                    yield Chance(self.key, *ids, held, end, handling.start, steps, saving)
+                acts_since = handling.start
+            if handling is last or handling.until > end:
+                end, last = min(handling.until, self.run.time), handling
+
+    def _held_in(self, second: Handling, gap: float) -> tuple[PathStep, list[PathStep]] | None:
+        """The step that an order held back until a gap, and the steps planned from there on."""
+        run = self.run
+        queueings = run.messages[second.message_id].queueings
+        if any(one.start < gap < one.until for one in queueings):
+            return None  # there was something to act: only it could not begin
+        steps: list[PathStep] = []
+        for step in self.causes.back_from(second.start, second.message_id):
+            if step.end <= gap:
+                break
+            steps.insert(0, step)
+        else:
+            return None  # somebody acted of his own will
+        if not steps or steps[0].start < gap:
+            return None  # the planning went on already: its speed is what counts
+        while steps and not _was_held(run, steps[0], gap):
+            steps.pop(0)
+        planning = [step for step in steps if _plans(run, step, self.key)]
+        return (steps[0], planning) if planning else None
 
 
 def _was_held(run: Run, step: PathStep, gap: float) -> bool:
     """Whether a step could have begun before the gap, had an order not held it back."""
-    if step.resumed:
-        return step.resumed.start < gap and step.resumed.awaited not in run.claims  # a lock is no order
+    if (wait := step.resumed) is not None:  # a lock is no order
+        return wait.start < gap and wait.awaited not in run.claims
     task = run.tasks.get(step.message_id)
-    if task is None or step.doing is not Doing.WORK or not task.message_class.is_goal or task.received >= gap:
+    if task is None or step.doing is not Doing.WORK:
         return False
-    was_queued = any(one.end == step.start and one.start < gap for one in task.queueings)
-    return task.handlings[0].start == step.start and not was_queued
+    if not task.message_class.is_goal or task.received >= gap or task.handlings[0].start != step.start:
+        return False
+    return not any(one.end == step.start and one.start < gap for one in task.queueings)
 
 
 def _plans(run: Run, step: PathStep, acting: Key) -> bool:
     """Whether a step is planning: work, of something else than commands, elsewhere than where is acted."""
     message = run.messages.get(step.message_id)
-    if step.doing is not Doing.WORK or message is None or (step.module, step.resource) == acting:
+    if message is None or message.role in _REACTIONS or message.message_class.only_acts:
         return False
-    return not message.message_class.only_acts and message.role not in _REACTIONS
+    return step.doing is Doing.WORK and (step.module, step.resource) != acting
 
 
 # --- causes and remedies --------------------------------------------------------------------------------------------
@@ -160,8 +170,9 @@ def why_held(run: Run, held: PathStep) -> str:
     """The reason why the planning was held back, in words."""
     if held.resumed:
         return waited(run, held)
-    at = RunAt(run, nextafter(held.start, 0.0))
-    return f"{run.describe(held.message_id)} was held {several_in_words(told(at, waits_now(at, held.message_id)))}"
+    at, number = RunAt(run, nextafter(held.start, 0.0)), held.message_id
+    waits = several_in_words(told(at, waits_now(at, number)))
+    return f"{run.describe(number)} was held {waits}"
 
 
 def _remedy(run: Run, held: PathStep) -> str:
@@ -187,7 +198,10 @@ def _remedy(run: Run, held: PathStep) -> str:
 
 def _saving(run: Run, covers: dict[Key, Cover], held: PathStep, steps: list[PathStep], acts_since: float) -> float:
     """The least of: the planning, place by place no more than its resource was free; and the acting before it."""
-    since = max(acts_since, held.resumed.start if held.resumed else _might_begin(run, run.tasks[held.message_id], held))
+    if held.resumed:
+        since = max(acts_since, held.resumed.start)
+    else:
+        since = max(acts_since, _might_begin(run, run.tasks[held.message_id], held))
     window = max(held.start - since, 0.0)
     work: dict[Key, float] = {}
     for step in steps:
@@ -196,15 +210,17 @@ def _saving(run: Run, covers: dict[Key, Cover], held: PathStep, steps: list[Path
     waits_in = held.handling if held.resumed else None
     possible = 0.0
     for key, seconds in work.items():
-        is_own = waits_in is not None and key == (waits_in.module, waits_in.resource)
-        possible += min(seconds, window if is_own else window - _full(run, covers, key, (since, held.start)))
+        free = window
+        if waits_in is None or key != (waits_in.module, waits_in.resource):
+            free -= _full(run, covers, key, (since, held.start))
+        possible += min(seconds, free)
     return min(possible, window)
 
 
 def _full(run: Run, covers: dict[Key, Cover], key: Key, window: Span) -> float:
     """How long in a window all slots of a resource had messages."""
     if key not in covers:
-        spans = ((one.start, run.time if one.end is None else one.end) for one in run.runs.get(key, []))
+        spans = ((one.start, min(one.until, run.time)) for one in run.runs.get(key, []))
         covers[key] = Cover(spans, capacity_of(run, key))
     return covers[key].within(*window)
 
@@ -212,7 +228,12 @@ def _full(run: Run, covers: dict[Key, Cover], key: Key, window: Span) -> float:
 def _might_begin(run: Run, task: Task, held: PathStep) -> float:
     """When a task might have been planned at the earliest, were it not for what held it back last."""
     constraints = (hold.constraint for hold in task.holds)
-    points = [one.before for one in constraints if one.after.moment in _PLANNING and one.before.task != task.id]
-    points.append(Point(task.parent, Moment.START_PLANNING))
-    reached = (run.tasks[one.task].reached.get(one.moment, 0.0) for one in points if one.task in run.tasks)
-    return max([task.received, *(time for time in reached if time < held.start)])
+    planned = (one.before for one in constraints if one.after.moment in _PLANNING)
+    points = [Point(task.parent, Moment.START_PLANNING)]
+    points += (point for point in planned if point.task != task.id)
+    begins = task.received
+    for point in points:
+        if point.task in run.tasks:
+            time = run.tasks[point.task].reached.get(point.moment, 0.0)
+            begins = max(begins, time) if time < held.start else begins
+    return begins

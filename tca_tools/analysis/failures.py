@@ -85,8 +85,10 @@ def failures(run: Run) -> list[FailureKind]:
     nobody was told of nothing else failed: it comes after those.
     """
     kinds: dict[tuple[str, str], FailureKind] = {}
-    found = [((one.failure.name, one.message.name), _case(run, one)) for one in all_failures(run)]
-    for key, case in [*found, *_refused(run)]:
+    for one in all_failures(run):
+        key = one.failure.name, one.message.name
+        kinds.setdefault(key, FailureKind(*key)).cases.append(_case(run, one))
+    for key, case in _refused(run):
         kinds.setdefault(key, FailureKind(*key)).cases.append(case)
     return sorted(kinds.values(), key=_rank)
 
@@ -123,11 +125,13 @@ def _refused(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
         circle = run.deadlock(wait)
         if not circle or wait.end is None or (became := _became(run, wait)) is None:
             continue
-        handling = wait.by if isinstance(wait.by, Handling) else None
-        message, name = (handling.message_id, handling.name) if handling else (0, run.name(wait.awaited))
-        of, why = run.describe(message) if handling else str(wait.by), f"it was to wait {awaited(run, wait)}"
-        case = Case(message, of, circle.words, wait.end, "by central", [], became, why, 0.0, 0.0)
-        yield (circle.name, name), case
+        number, of, name = 0, str(wait.by), run.name(wait.awaited)
+        if isinstance(wait.by, Handling):
+            number, name = wait.by.message_id, wait.by.name
+            of = run.describe(number)
+        told = circle.words, wait.end, "by central", list[str](), became
+        why = f"it was to wait {awaited(run, wait)}"
+        yield (circle.name, name), Case(number, of, *told, why, 0.0, 0.0)
 
 
 def _became(run: Run, wait: HandlerWait) -> Fate | None:
@@ -137,7 +141,8 @@ def _became(run: Run, wait: HandlerWait) -> Fate | None:
     handling, failed = wait.by, failing(run, wait.by)
     if handling.outcome is not Outcome.FAILED or handling.end is None:
         return Fate.COPED
-    if isinstance(failed, Message) and failed.was("failure", handling.end).name == DEADLOCK:
+    failure = failed.was("failure", handling.end) if isinstance(failed, Message) else None
+    if failure is not None and failure.name == DEADLOCK:
         return None
     return Fate.COPED if went_on(run, failed, handling.end) else Fate.ANSWERED
 
@@ -150,7 +155,8 @@ def _lost(one: Failed, became: Fate) -> float:
         return one.time - one.handling.start
     if became not in (*ENDED_TASKS, Fate.RETRIED):
         return 0.0
-    begun = (run.start for run in reversed(one.message.handlings) if run.start <= one.time)
+    handlings = reversed(one.message.handlings)
+    begun = (run.start for run in handlings if run.start <= one.time)
     return one.time - next(begun, one.time)
 
 
@@ -160,8 +166,9 @@ def _raised_by(one: Failed) -> str:
     whom = by_whom(one.by).strip()
     if not whom:
         return "by central"
-    beside = (f", beside its handler in {place(run.module, run.resource)}" for run in one.message.handlings[-1:])
-    return f"{whom}{''.join(beside)}"
+    for run in one.message.handlings[-1:]:
+        whom += f", beside its handler in {place(run.module, run.resource)}"
+    return whom
 
 
 def _recovered(run: Run, task: Task, one: Failed) -> float:
@@ -169,8 +176,9 @@ def _recovered(run: Run, task: Task, one: Failed) -> float:
     if one.is_begun_anew:
         again = bisect_right(task.handlings, one.time, key=attrgetter("start"))
         return task.handlings[again].start if again < len(task.handlings) else one.until
-    called = (run.tasks[number] for number in task.caught_by if number in run.tasks)
-    ends = (
-        each.reached.get(Moment.END_ACHIEVING, run.time) for each in called if one.time <= each.received < one.until
-    )
-    return max(ends, default=one.time)
+    ends = [one.time]
+    for number in task.caught_by:
+        called = run.tasks.get(number)
+        if called is not None and one.time <= called.received < one.until:
+            ends.append(called.reached.get(Moment.END_ACHIEVING, run.time))
+    return max(ends)

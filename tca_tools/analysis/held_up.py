@@ -64,29 +64,34 @@ def held_up(run: Run, causes: Causes, path: CriticalPath, window: Span, at_least
     for alike in found.values():
         seconds = Cover((before.start, before.end) for before, _ in alike).within(*window)
         if seconds >= at_least:
-            yield HeldUp(alike, seconds, Cover(_left_out(run, causes, alike[-1][1])).within(*window))
+            left_out = Cover(_left_out(run, causes, alike[-1][1]))
+            yield HeldUp(alike, seconds, left_out.within(*window))
 
 
 def _before(run: Run, step: PathStep) -> Before | None:
     """The wait of a step in a queue, or of its handler for a reply or a lock; None if it was neither."""
     message = run.messages.get(step.message_id)
     if message and (queueing := queueing_before(run, step)):
-        module, resource, start = queueing.module, queueing.resource, queueing.start
-        locked, holder = kept_out(run, (module, resource), start, step.start, sender=message.sender)
-        if locked * 2 > step.start - start:
-            return Before(words.LOCK, place(called(module), resource), start, step.start, holder)
-        return Before(words.QUEUE, place(module, resource), start, step.start) if module else None
+        module, resource = queueing.module, queueing.resource
+        span = queueing.start, step.start
+        locked, holder = kept_out(run, (module, resource), *span, sender=message.sender)
+        if locked * 2 > span[1] - span[0]:
+            return Before(words.LOCK, place(called(module), resource), *span, holder)
+        return Before(words.QUEUE, place(module, resource), *span) if module else None
     wait = step.resumed
-    if wait is None or wait.moment or not wait.awaited or message is None or step.doing is not Doing.WORK:
+    if wait is None or wait.moment or not wait.awaited or step.doing is not Doing.WORK:
         return None
-    if message.message_class.has_reply:
+    if message is None or message.message_class.has_reply:
         return None  # the questions that a reply needs itself are part of the wait for it
+    said, span = words.REPLY, (wait.start, step.start)
     if (wanted := run.claims.get(wait.awaited)) is not None:
-        locked, _ = kept_out(run, (wanted.module, wanted.resource), wait.start, step.start, but=wanted)
-        said = words.LOCK if locked * 2 > step.start - wait.start else words.CLAIM
-        return Before(said, place(called(wanted.module), wanted.resource), wait.start, step.start)
-    said = words.IN_VAIN if is_in_vain(run, wait) else words.REPLY
-    return Before(said, run.name(wait.awaited), wait.start, step.start)
+        name = place(called(wanted.module), wanted.resource)
+        locked, _ = kept_out(run, (wanted.module, wanted.resource), *span, but=wanted)
+        said = words.LOCK if locked * 2 > span[1] - span[0] else words.CLAIM
+        return Before(said, name, *span)
+    if is_in_vain(run, wait):
+        said = words.IN_VAIN
+    return Before(said, run.name(wait.awaited), *span)
 
 
 def _left_out(run: Run, causes: Causes, last: PathStep) -> Iterator[Span]:
@@ -110,7 +115,7 @@ def _not_unhandled(run: Run, step: PathStep) -> Iterator[Span]:
     asked = run.messages.get(step.resumed.awaited) if step.resumed else None
     since = before.start
     for queueing in asked.queueings if asked else ():
-        if not queueing.module and queueing.end is not None and queueing.end <= before.end:
+        if not queueing.module and queueing.until <= before.end:
             yield since, max(queueing.start, since)
-            since = max(queueing.end, since)
+            since = max(queueing.until, since)
     yield since, before.end

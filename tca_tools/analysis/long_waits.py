@@ -58,7 +58,7 @@ class _Found(NamedTuple):
     kind: WaitKind
     message_id: int
     start: float
-    end: float | None
+    end: float
     record: Queueing | HandlerWait | Suspension | Task
 
 
@@ -66,17 +66,19 @@ def long_waits(run: Run, at_most: int = 10) -> list[WaitsOfKind]:
     """For each kind of wait that took time: how many there were, how long together, and the longest, with reasons."""
     found: dict[WaitKind, list[tuple[float, _Found]]] = {kind: [] for kind in KINDS}
     for one in _all(run):
-        seconds = (run.time if one.end is None else one.end) - one.start
+        seconds = min(one.end, run.time) - one.start
         if seconds >= NO_TIME:
             found[one.kind].append((seconds, one))
     told: list[WaitsOfKind] = []
     for kind, waits in found.items():
-        longest = [
-            LongWait(_who(run, one), one.start, seconds, one.end is None, _what(run, one))
-            for seconds, one in nlargest(at_most, waits, key=itemgetter(0))
-        ]
-        told.append(WaitsOfKind(kind, len(waits), sum(seconds for seconds, _ in waits), longest))
-    return [one for one in told if one.number]
+        longest = []
+        for seconds, one in nlargest(at_most, waits, key=itemgetter(0)):
+            who = "the handler of " * isinstance(one.record, HandlerWait) + run.describe(one.message_id)
+            longest.append(LongWait(who, one.start, seconds, one.end == inf, _what(run, one)))
+        if waits:
+            total = sum(seconds for seconds, _ in waits)
+            told.append(WaitsOfKind(kind, len(waits), total, longest))
+    return told
 
 
 def _all(run: Run) -> Iterator[_Found]:
@@ -84,15 +86,17 @@ def _all(run: Run) -> Iterator[_Found]:
     for task in run.tasks.values():
         for since, end, state in task.spans():
             if state in (TaskState.HELD, TaskState.PLANNED):
-                yield _Found(WaitKind.CONSTRAINT, task.id, since, None if end == inf else end, task)
-    for suspension in run.suspensions():
-        if (still := suspension.standstill) is not None:
-            yield _Found(WaitKind.RESUME, suspension.task, still, suspension.end, suspension)
+                yield _Found(WaitKind.CONSTRAINT, task.id, since, end, task)
+    for one in run.suspensions():
+        if one.standstill is not None:
+            yield _Found(WaitKind.RESUME, one.task, one.standstill, one.until, one)
     for queueing in run.queueings:
-        yield _Found(_kind(run, queueing), queueing.message_id, queueing.start, queueing.end, queueing)
+        kind, number = _kind(run, queueing), queueing.message_id
+        yield _Found(kind, number, queueing.start, queueing.until, queueing)
     for handling in run.handlings:
         for wait in handling.waits:
-            yield _Found(of_handler_wait(run, wait).kind, handling.message_id, wait.start, wait.end, wait)
+            kind = of_handler_wait(run, wait).kind
+            yield _Found(kind, handling.message_id, wait.start, wait.until, wait)
 
 
 def _kind(run: Run, queueing: Queueing) -> WaitKind:
@@ -100,62 +104,71 @@ def _kind(run: Run, queueing: Queueing) -> WaitKind:
     if not queueing.module:
         return WaitKind.HANDLER
     grants = run.granted(queueing.module, queueing.resource)
-    granted = bisect_left(grants, run.time if queueing.end is None else queueing.end, key=attrgetter("granted"))
-    was_locked = any(one.end is None or one.end > queueing.start for one in grants[max(granted - 1, 0) : granted])
+    granted = bisect_left(grants, min(queueing.until, run.time), key=attrgetter("granted"))
+    last = grants[max(granted - 1, 0) : granted]
+    was_locked = any(one.until > queueing.start for one in last)
     return WaitKind.LOCK if was_locked else WaitKind.RESOURCE
 
 
-def _who(run: Run, found: _Found) -> str:
-    return "the handler of " * isinstance(found.record, HandlerWait) + run.describe(found.message_id)
-
-
 def _what(run: Run, found: _Found) -> str:
-    if isinstance(found.record, HandlerWait):
-        return handler_wait_in_words(run, found.record)
-    if isinstance(found.record, Suspension):
-        return _until_resumed(found.record)
-    return _in_queue(run, found.record) if isinstance(found.record, Queueing) else _why_held(run, found.record, found)
+    match found.record:
+        case HandlerWait() as wait:
+            return handler_wait_in_words(run, wait)
+        case Suspension() as suspension:
+            return _until_resumed(suspension)
+        case Queueing() as queueing:
+            return _in_queue(run, queueing)
+        case Task() as task:
+            return _why_held(run, task, found)
 
 
 def _in_queue(run: Run, queueing: Queueing) -> str:
     message = run.messages.get(queueing.message_id)
     if message is None or not queueing.module:
         return in_words(of_queueing(RunAt(run, queueing.start), queueing, Keepers()))
-    return _cut(run, parts_in_queue(run, queueing, message), lambda at, part: of_queueing(at, queueing, part.by))
+    parts = parts_in_queue(run, queueing, message)
+    return _cut(run, parts, lambda at, by: of_queueing(at, queueing, by))
 
 
-def _cut(run: Run, parts: list[WaitPart], made: Callable[[RunAt, WaitPart], WaitFor]) -> str:
-    return causes_in_words((made(RunAt(run, part.start), part), min(part.end, run.time) - part.start) for part in parts)
+def _cut(run: Run, parts: list[WaitPart], made: Callable[[RunAt, Keepers], WaitFor]) -> str:
+    causes = []
+    for start, end, by in parts:
+        causes.append((made(RunAt(run, start), by), min(end, run.time) - start))
+    return causes_in_words(causes)
 
 
 def _until_resumed(suspension: Suspension) -> str:
-    over = suspension.end is not None and not suspension.is_resumed
-    text = "until it was killed" if over else "until it is resumed"
+    is_over = suspension.end is not None and not suspension.is_resumed
+    text = "until it was killed" if is_over else "until it is resumed"
     who = by_whom(suspension.by)
     if suspension.standstill == suspension.start:
-        return text + (f" (suspended{who})" if who else "")
+        return f"{text} (suspended{who})" if who else text
     return f"{text}; suspended{who} at {run_time(suspension.start)}, work under it went on"
 
 
 def _why_held(run: Run, task: Task, found: _Found) -> str:
     """The causes that held a task, each with how long it did."""
-    end = inf if found.end is None else found.end
-    waits = [wait for wait in told_waits(run, task) if found.start <= wait.start < end]
-    causes = ((wait_for(RunAt(run, wait.start), wait), min(wait.end, run.time) - wait.start) for wait in waits)
-    if waits:
+    causes = []
+    for wait in told_waits(run, task):
+        if found.start <= wait.start < found.end:
+            seconds = min(wait.end, run.time) - wait.start
+            causes.append((wait_for(RunAt(run, wait.start), wait), seconds))
+    if causes:
         return causes_in_words(causes)
-    is_killed = task.killed is not None and task.written("killed") <= end
-    return "until it was killed" if is_killed else "for something that the journal does not tell of"
+    if task.killed is not None and task.written("killed") <= found.end:
+        return "until it was killed"
+    return "for something that the journal does not tell of"
 
 
 def handler_wait_in_words(run: Run, wait: HandlerWait) -> str:
     """The wait of a handler or program in words, and whether it was in vain."""
-    in_vain = ", in vain" * is_in_vain(run, wait)
+    in_vain, circle = ", in vain" * is_in_vain(run, wait), run.deadlock(wait)
     if (claim := run.claims.get(wait.awaited)) is not None:
-        return _cut(run, parts_of_claim(run, wait, claim), lambda at, part: of_claim(at, claim, part.by)) + in_vain
-    at = RunAt(run) if wait.end is None else RunAt(run, nextafter(wait.end, 0.0))
-    circle = run.deadlock(wait)
-    return in_words(wait_for(at, of_handler_wait(run, wait))) + in_vain + (f": {circle}" if circle else "")
+        parts = parts_of_claim(run, wait, claim)
+        return _cut(run, parts, lambda at, by: of_claim(at, claim, by)) + in_vain
+    at = RunAt(run, nextafter(wait.until, 0.0))
+    text = in_words(wait_for(at, of_handler_wait(run, wait))) + in_vain
+    return f"{text}: {circle}" if circle else text
 
 
 def is_in_vain(run: Run, wait: HandlerWait) -> bool:
@@ -164,9 +177,9 @@ def is_in_vain(run: Run, wait: HandlerWait) -> bool:
         return False
     if run.deadlock(wait):
         return True
-    claim, task, query = run.claims.get(wait.awaited), run.tasks.get(wait.awaited), run.messages.get(wait.awaited)
+    claim, query = run.claims.get(wait.awaited), run.messages.get(wait.awaited)
     if claim is not None:
         return claim.granted is None or claim.granted > wait.end
-    if task is not None:
+    if isinstance(query, Task):
         return not has_come(run, wait)
     return query is not None and query.was_given_up

@@ -57,14 +57,19 @@ def growing(run: Run, start: float, end: float) -> list[Growing]:
     for queueing in run.queueings:
         if queueing.module:
             lines.setdefault((queueing.module, queueing.resource), []).append(queueing)
-    found = (_growing(run, key, queued) for key, queued in lines.items() if len(queued) >= _LENGTH)
-    return [one for one in found if one and one.end - one.start >= _SHARE * (end - start)]
+    least, found = _SHARE * (end - start), list[Growing]()
+    for key, queued in lines.items():
+        one = _growing(run, key, queued) if len(queued) >= _LENGTH else None
+        if one is not None and one.end - one.start >= least:
+            found.append(one)
+    return found
 
 
 def _growing(run: Run, key: Key, queued: list[Queueing]) -> Growing | None:
     given = [handling.start for handling in run.runs.get(key, [])]
     end = max([queued[-1].start, *given[-1:]])
-    left = [one for one in queued if one.end is None or one.end > end or (one.end == end and not _was_given(run, one))]
+    late = (one for one in queued if one.until >= end)
+    left = [one for one in late if one.until > end or not _was_given(run, one)]
     if len(left) < _LENGTH:
         return None
     start, middle = _growth(queued, left, end)
@@ -74,21 +79,22 @@ def _growing(run: Run, key: Key, queued: list[Queueing]) -> Growing | None:
     if not is_steady or not is_more or handled < _HANDLED or run.granted(*key):
         return None
     names, length = Counter(run.name(one.message_id) for one in left), len(left)
-    rate_in, rate_out = (number / (end - start) for number in (handled + length, handled))
+    rates = ((handled + length) / (end - start), handled / (end - start))
     longest, (message, _) = end - min(one.start for one in left), names.most_common(1)[0]
-    return Growing(key, capacity_of(run, key), start, end, length, rate_in, rate_out, longest, message)
+    return Growing(key, capacity_of(run, key), start, end, length, *rates, longest, message)
 
 
 def _was_given(run: Run, queueing: Queueing) -> bool:
     """Whether a wait ended with a handler that got the message."""
     message = run.messages.get(queueing.message_id)
-    return message is not None and any(handling.start == queueing.end for handling in message.handlings)
+    handlings = message.handlings if message is not None else ()
+    return any(handling.start == queueing.end for handling in handlings)
 
 
 def _growth(queued: list[Queueing], left: list[Queueing], end: float) -> tuple[float, int]:
     """Since when the queue was not empty, and how long it was in the middle of that time."""
-    stays = {id(one) for one in left}
-    spans = [(one.start, end + 1.0 if id(one) in stays or one.end is None else one.end) for one in queued]
+    stays, later = {id(one) for one in left}, end + 1.0
+    spans = [(one.start, later if id(one) in stays else min(one.until, later)) for one in queued]
     lengths = [(time, length) for time, length in levels(spans) if time <= end]
     start = max((time for time, length in lengths if not length), default=None)
     start = next(time for time, _ in lengths if start is None or time > start)

@@ -57,7 +57,8 @@ def uses(run: Run, start: float, end: float) -> list[Use]:
     for queueing in run.queueings:
         if queueing.module:
             queued.setdefault((queueing.module, queueing.resource), []).append(queueing)
-    found = [_use(run, key, handled.get(key, []), queued.get(key, []), start, end) for key in handled | queued]
+    window = start, end
+    found = (_use(run, key, handled.get(key, []), queued.get(key, []), window) for key in handled | queued)
     return sorted(found, key=lambda use: (-use.share, -use.queue_seconds, use.key))
 
 
@@ -79,7 +80,7 @@ def kept_out(
     spans, by = list[Span](), None
     for claim in claims[max(first - _BEFORE, 0) : last]:
         since = claim.start if claim.start <= start else claim.granted
-        until = run.time if claim.end is None else claim.end
+        until = min(claim.until, run.time)
         is_own = claim is but or (claim.is_reserved and claim.sender == sender)
         if since is not None and until > start and not is_own:
             spans.append((since, until))
@@ -87,45 +88,51 @@ def kept_out(
     return Cover(spans).within(start, end), by
 
 
-def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], start: float, end: float) -> Use:
-    def clipped(spans: Iterable[tuple[float, float | None]]) -> list[Span]:
-        return [
-            (min(max(since, start), end), end if until is None else max(min(until, end), start))
-            for since, until in spans
-        ]
+def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], window: Span) -> Use:
+    start, end = window
+
+    def clipped(spans: Iterable[Span]) -> list[Span]:
+        return [(min(max(since, start), end), max(min(until, end), start)) for since, until in spans]
 
     capacity = capacity_of(run, key)
-    busy = _length(clipped((one.start, one.end) for one in handled))
+    busy = _length(clipped((one.start, one.until) for one in handled))
     waiting = sum(Cover(clipped(_waits_in(one))).total for one in handled if one.waits)
     share = min(busy / (capacity * (end - start)), 1.0) if end > start else 0.0
-    lines = clipped((one.start, one.end) for one in queued)
-    longest_queue = most_at_once(lines)
-    longest_wait = max((until - since for since, until in lines), default=0.0)
-    locks = clipped(_locked_while_there(run, key))
+    lines = clipped((one.start, one.until) for one in queued)
     return Use(
-        key, place(*key), capacity, len(handled), busy, waiting, share, len(queued), _length(lines), longest_queue,
-        longest_wait, Cover(locks).total, (start, end),
-    )  # fmt: skip
+        key=key,
+        name=place(*key),
+        capacity=capacity,
+        handled=len(handled),
+        busy=busy,
+        waiting=waiting,
+        share=share,
+        queued=len(queued),
+        queue_seconds=_length(lines),
+        longest_queue=most_at_once(lines),
+        longest_wait=max((until - since for since, until in lines), default=0.0),
+        locked=Cover(clipped(_locked_while_there(run, key))).total,
+        window=window,
+    )
 
 
-def _waits_in(handling: Handling) -> Iterator[tuple[float, float | None]]:
+def _waits_in(handling: Handling) -> Iterator[Span]:
     """The waits of a handler, until it returned: a program may give one up later."""
     for wait in handling.waits:
-        end = min((one for one in (wait.end, handling.end) if one is not None), default=None)
-        if end is None or wait.start < end:
+        if wait.start < (end := min(wait.until, handling.until)):
             yield wait.start, end
 
 
-def _locked_while_there(run: Run, key: Key) -> Iterator[tuple[float, float | None]]:
+def _locked_while_there(run: Run, key: Key) -> Iterator[Span]:
     """When a resource was locked. A lock is one of all copies of a module: of each as long as it was connected."""
     module = run.modules.get(key[0])
     joined = (module.joined if module is not None else ()) or [(0.0, None)]
     for claim in run.granted(*key):
         for since, until in joined:
-            ends = [one for one in (claim.end, until) if one is not None]
             start = max(claim.granted or claim.start, since)
-            if not ends or min(ends) > start:
-                yield start, min(ends, default=None)
+            end = claim.until if until is None else min(claim.until, until)
+            if end > start:
+                yield start, end
 
 
 def _length(spans: list[Span]) -> float:

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from tca_tools.analysis.steps import Doing, PathStep, delay_of
 from tca_tools.explain.ends import Ends
+from tca_tools.explain.graph import further, keeping, steps, waits_now
 from tca_tools.explain.wait import Node, Wait, node_of
 from tca_tools.explain.wait_words import wait_for
-from tca_tools.explain.waits import further, keeping, steps, waits_now
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import Claim, HandlerWait, Handling, Hold, Message, Queueing, Suspension, Task
 from tca_tools.journal.whole_run import Run
@@ -35,41 +35,43 @@ class GoingOn(NamedTuple):
 
     def rank(self) -> tuple[bool, bool, float]:
         """The order of causes: the least counts first."""
-        watches = self.standing is not None and self.standing.doing is Doing.WATCHING
-        return watches, self.is_elsewhere, self.standing.start if self.standing else -inf
+        step = self.standing
+        watches = step is not None and step.doing is Doing.WATCHING
+        return watches, self.is_elsewhere, step.start if step else -inf
 
 
 def going_on(at: RunAt, message: Message, until: float) -> GoingOn | None:
     """The cause of a wait *until* just after a moment: runs come before standstills, and these before monitors that
     watch; of standstills the longest. None if nothing is known.
     """
-    return min(_WaitWalk(at, message, until).found, key=GoingOn.rank, default=None) or _circle(at, message, until)
+    return _WaitWalk(at, message, until).first() or _circle(at, message, until)
 
 
 def at_last(run: Run, task: Task) -> tuple[GoingOn, list[str]]:
     """The cause of an open task's wait when the journal ends; and if it is not under the task, the waits that lead
     there, in words. If it is not known, since when nothing happened under the task.
     """
-    walk = _WaitWalk(RunAt(run), task, run.time)
-    if (found := min(walk.found, key=GoingOn.rank, default=None)) is not None:
+    at = RunAt(run)
+    walk = _WaitWalk(at, task, run.time)
+    if (found := walk.first()) is not None:
         return found, walk.way_to(found.node) if found.is_elsewhere else []
-    if (found := _circle(RunAt(run), task, run.time)) is not None:
+    if (found := _circle(at, task, run.time)) is not None:
         return found, []
-    last = last_change(run, task, inf)
-    doing = Doing.HELD if waits_now(RunAt(run), task.id) and not task.handling else Doing.UNKNOWN
-    step = PathStep(last, run.time, doing, task.id, "")
+    is_held = waits_now(at, task.id) and not task.handling
+    doing = Doing.HELD if is_held else Doing.UNKNOWN
+    step = PathStep(last_change(run, task, inf), run.time, doing, task.id)
     return GoingOn(Node(task.id), False, task.id, None, step), []
 
 
 def _circle(at: RunAt, message: Message, until: float) -> GoingOn | None:
     """The circle of waits that keeps something, since it was closed; None if there is none."""
-    ends = Ends.at(at)
+    run, ends, later = at.run, Ends.at(at), nextafter(at.moment, inf)
     found = next(iter(ends.of(message.id)), None)
     if found is None or found.kind is not WaitKind.CIRCLE:
         return None
-    members = [at.run.messages[one] for one in ends.circle(found.number) if one in at.run.messages]
-    closed, member = max((last_change(at.run, one, nextafter(at.moment, inf)), one.id) for one in members)
-    step = PathStep(closed, until, Doing.CIRCLE, member, "")
+    members = [run.messages[one] for one in ends.members(found) if one in run.messages]
+    closed, member = max((last_change(run, one, later), one.id) for one in members)
+    step = PathStep(closed, until, Doing.CIRCLE, member)
     return GoingOn(Node(member), member != message.id, member, None, step)
 
 
@@ -96,11 +98,11 @@ class _WaitWalk:
 
     def __init__(self, at: RunAt, message: Message, until: float) -> None:
         self._at, self._until = at, until
-        self._own = {one.id for one in at.run.under(message)} if isinstance(message, Task) else {message.id}
-        self.found: list[GoingOn] = []
-        self._ways: dict[Node, _Way] = {}
-        self._nodes: list[Node] = []
-        self._come_to(Node(message.id, END_ACHIEVING if isinstance(message, Task) else 0), None, None)
+        under = at.run.under(message) if isinstance(message, Task) else [message]
+        self._own = {one.id for one in under}
+        self._found: list[GoingOn] = []
+        start = Node(message.id, END_ACHIEVING if isinstance(message, Task) else 0)
+        self._ways, self._nodes = {start: _Way(None, None, False)}, [start]
         for node in self._nodes:  # grows while it is walked
             if (claim := at.run.claims.get(node.number)) is not None:
                 self._at_claim(node, claim)
@@ -109,6 +111,10 @@ class _WaitWalk:
                 for other in further(at, wait):
                     self._come_to(other, node, wait)
                 self._end(node, wait)
+
+    def first(self) -> GoingOn | None:
+        """The cause that counts first; None if none is known."""
+        return min(self._found, key=GoingOn.rank, default=None)
 
     def way_to(self, node: Node) -> list[str]:
         """The waits that lead to a node, in words."""
@@ -121,11 +127,11 @@ class _WaitWalk:
             way = self._ways[way.before]
         return words
 
-    def _come_to(self, node: Node, before: Node | None, wait: Wait | None) -> None:
+    def _come_to(self, node: Node, before: Node, wait: Wait | None) -> None:
         if node not in self._ways:
-            is_reply = wait is not None and wait.kind is WaitKind.REPLY
-            came_elsewhere = before is not None and self._ways[before].is_elsewhere
-            is_elsewhere = came_elsewhere if is_reply else node.number not in self._own
+            is_elsewhere = node.number not in self._own
+            if wait is not None and wait.kind is WaitKind.REPLY:
+                is_elsewhere = self._ways[before].is_elsewhere
             self._ways[node] = _Way(before, wait, is_elsewhere)
             self._nodes.append(node)
 
@@ -134,43 +140,52 @@ class _WaitWalk:
         others, _ = steps(self._at, node)
         for other in others:
             self._come_to(other, node, None)
-        way = self._ways[node]
-        while way.before is not None and not (way.wait and isinstance(way.wait.record, HandlerWait)):
-            way = self._ways[way.before]
-        wait = way.wait.record if way.wait else None
-        if others or not self._at.is_granted(claim) or not isinstance(wait, HandlerWait):
+        if others or not self._at.is_granted(claim) or (wait := self._handler_wait(node)) is None:
             return
-        since, handling = max(wait.start, claim.granted or 0.0), wait.by if isinstance(wait.by, Handling) else None
+        since = max(wait.start, claim.granted or 0.0)
+        handling = wait.by if isinstance(wait.by, Handling) else None
         number = handling.message_id if handling else 0
-        self._stands(
-            node, number, number, since, Doing.LOCKED, claim.sender, by=handling if since == wait.start else None
-        )
+        step = PathStep(since, self._until, Doing.LOCKED, number, claim.sender)
+        self._find(node, number, handling if since == wait.start else None, step)
+
+    def _handler_wait(self, node: Node) -> HandlerWait | None:
+        """The last wait of a handler on the way to a node."""
+        way = self._ways[node]
+        while way.before is not None:
+            if way.wait is not None and isinstance(way.wait.record, HandlerWait):
+                return way.wait.record
+            way = self._ways[way.before]
+        return None
 
     def _end(self, node: Node, wait: Wait) -> None:
         """Note what waits for nothing else: it runs, or stands."""
-        record, number = wait.record, node.number
+        record, number, until = wait.record, node.number, self._until
         if wait.kind is WaitKind.RUNNING and isinstance(record, Handling):
-            elsewhere = self._ways[node].is_elsewhere
-            self.found.append(GoingOn(node, elsewhere, record.message_id, record, None))
+            self._find(node, record.message_id, record)
         elif isinstance(record, Queueing):
             doing = Doing.QUEUED if record.module else Doing.NO_HANDLER
-            self._stands(node, number, number, record.start, doing, record.module, record.resource)
+            step = PathStep(record.start, until, doing, number, record.module, record.resource)
+            self._find(node, number, step=step)
         elif wait.kind is WaitKind.DELAY and isinstance(record, Hold):
             start, cause = delay_of(self._at.run, self._at.run.tasks[number], record)
-            self._stands(node, number, cause, start, Doing.DELAY)
+            self._find(node, cause, step=PathStep(start, until, Doing.DELAY, number))
         elif isinstance(record, Suspension):
-            since = record.standstill
-            if stands := since is not None and since <= self._at.moment:
-                self._stands(node, record.cause, record.cause, since, Doing.SUSPENDED)
-            for run in () if stands else record.still:
-                if run.start <= self._at.moment < run.until:
-                    self._come_to(node_of(self._at.run, run), node, wait)
+            self._suspended(node, wait, record)
         elif wait.kind is WaitKind.CONDITION:
-            self._stands(node, number, number, wait.start, Doing.WATCHING)
+            self._find(node, number, step=PathStep(wait.start, until, Doing.WATCHING, number))
 
-    def _stands(
-        self, node: Node, number: int, cause: int, since: float, doing: Doing, module: str = "", resource: str = "",
-        by: Handling | None = None,
+    def _suspended(self, node: Node, wait: Wait, suspension: Suspension) -> None:
+        """What is suspended stands, or handlers under it still run."""
+        since, cause, now = suspension.standstill, suspension.cause, self._at.moment
+        if since is not None and since <= now:
+            self._find(node, cause, step=PathStep(since, self._until, Doing.SUSPENDED, cause))
+            return
+        for run in suspension.still:
+            if run.start <= now < run.until:
+                self._come_to(node_of(self._at.run, run), node, wait)
+
+    def _find(
+        self, node: Node, message_id: int, handling: Handling | None = None, step: PathStep | None = None
     ) -> None:  # fmt: skip
-        step = PathStep(since, self._until, doing, number, module, resource)
-        self.found.append(GoingOn(node, self._ways[node].is_elsewhere, cause, by, step))
+        is_elsewhere = self._ways[node].is_elsewhere
+        self._found.append(GoingOn(node, is_elsewhere, message_id, handling, step))

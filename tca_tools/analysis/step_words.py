@@ -6,9 +6,10 @@ from math import inf, nextafter
 from tca_tools.analysis.long_waits import handler_wait_in_words
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.explain.ends import Ends
+from tca_tools.explain.graph import waits_now
 from tca_tools.explain.wait import Wait
 from tca_tools.explain.wait_words import last_of, told, wait_for
-from tca_tools.explain.waits import waits_now, waits_of
+from tca_tools.explain.waits import waits_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import Message, Queueing, Task
 from tca_tools.journal.whole_run import UNKNOWN, Run
@@ -32,14 +33,18 @@ def queueing_before(run: Run, step: PathStep) -> Queueing | None:
     message = run.messages.get(step.message_id)
     if message is None or step.resumed or step.doing is not Doing.WORK:
         return None
-    return next((one for one in reversed(message.queueings) if one.end == step.start and one.start < step.start), None)
+    for one in reversed(message.queueings):
+        if one.end == step.start and one.start < step.start:
+            return one
+    return None
 
 
 def waited(run: Run, step: PathStep) -> str:
     """``the handler of walk {1} waited until move {3} is achieved``: who waited before a step began, and for what."""
+    who = run.describe(step.message_id)
     if step.resumed is None:
-        return f"{run.describe(step.message_id)} waited"
-    who = step.module if step.doing is Doing.OUTSIDE else f"the handler of {run.describe(step.message_id)}"
+        return f"{who} waited"
+    who = step.module if step.doing is Doing.OUTSIDE else f"the handler of {who}"
     return f"{who} waited {handler_wait_in_words(run, step.resumed)}"
 
 
@@ -55,14 +60,18 @@ def why_then(run: Run, step: PathStep) -> str:
     if message is None:
         return ""
     if queueing := queueing_before(run, step):
-        where = f"in the queue for {place(queueing.module, queueing.resource)}"
-        where = where if queueing.module else "without a module that handles it"
-        return f"{duration(step.start - queueing.start)} {where}{still_handled(run, message.id, step.start)}"
-    if message.received == step.start and message.role:  # central made it when it could, and no sooner
-        about = run.tasks.get(message.about)
-        held = _held(run, about, step.start) if about and about.received < step.start else ""
+        where = "without a module that handles it"
+        if queueing.module:
+            where = f"in the queue for {place(queueing.module, queueing.resource)}"
+        still = still_handled(run, message.id, step.start)
+        return f"{duration(step.start - queueing.start)} {where}{still}"
+    is_made = message.received == step.start and message.role  # central made it when it could, and no sooner
+    about = run.messages.get(message.about) if is_made else message
+    held = ""
+    if isinstance(about, Task) and (not is_made or about.received < step.start):
+        held = _held(run, about, step.start)
+    if is_made:
         return f"{message.role} for {run.describe(message.about)}" + (f", which {held}" if held else "")
-    held = _held(run, message, step.start) if isinstance(message, Task) else ""
     return f"it {held}" if held else ""
 
 
@@ -79,7 +88,8 @@ def _links(run: Run, task: Task, time: float) -> Iterator[str]:
     if waits:
         yield f"waited {_in_words(run, waits, time)}"
     while waits and len(seen) <= _LINKS:
-        task = next((run.tasks[one.on.number] for one in waits if one.on.number in run.tasks), task)
+        awaited = (run.tasks.get(one.on.number) for one in waits)
+        task = next((one for one in awaited if one is not None), task)
         if task.id in seen:
             return
         seen.add(task.id)
@@ -94,8 +104,8 @@ def _ended_at(run: Run, task: Task, time: float) -> list[Wait]:
     """The waits of a task that were over at a time, and had begun before: not those for its handler and its subtasks,
     through which a path goes anyhow.
     """
-    waits = (wait for wait in waits_of(run, task.id) if wait.kind not in (WaitKind.RUNNING, WaitKind.SUBTASK))
-    return [wait for wait in waits if wait.end == time and wait.start < time]
+    ended = (wait for wait in waits_of(run, task.id) if wait.start < time == wait.end)
+    return [wait for wait in ended if wait.kind not in (WaitKind.RUNNING, WaitKind.SUBTASK)]
 
 
 def _in_words(run: Run, waits: list[Wait], time: float) -> str:
@@ -110,18 +120,20 @@ def still_handled(run: Run, message_id: int, until: float) -> str:
     if (message := run.messages.get(message_id)) is None:
         return ""
     at = RunAt(run, nextafter(until, 0.0))
-    runs, queueings = at.copies_of(message)
-    runs = [*runs, *filter(None, [at.handling_of(message)])]
-    for queueing in (*filter(None, [at.queueing_of(message)]), *queueings):
-        runs += at.running(queueing.module, queueing.resource) if queueing.module else []
-    for handling in runs:
+    copies, queueings = at.copies_of(message)
+    runs = [*copies, at.handling_of(message)]
+    for queueing in (at.queueing_of(message), *queueings):
+        if queueing is not None and queueing.module:
+            runs += at.running(queueing.module, queueing.resource)
+    for handling in filter(None, runs):
         handled = run.messages.get(handling.message_id)
         if handled is None or not handled.was_given_up:
             continue
         given_up = handled.written("dropped")
-        if given_up <= until and (handling.end is None or handling.end > given_up):
-            goes_on = "goes on with it" if handling.end is None else f"went on with it until {run_time(handling.end)}"
-            where = place(handling.module, handling.resource)
+        if given_up <= until and handling.until > given_up:
+            where, goes_on = place(handling.module, handling.resource), "goes on with it"
+            if handling.end is not None:
+                goes_on = f"went on with it until {run_time(handling.end)}"
             return f"; {handled} was given up at {run_time(given_up)}, but {where} {goes_on}"
     return ""
 
@@ -133,23 +145,26 @@ def _why_delayed(run: Run, message: Message, step: PathStep) -> str:
     if delay is None:
         return ""
     said = wait_for(RunAt(run, step.start), delay)
-    is_open, due = delay.end == inf, said.seconds or 0.0
+    if delay.end < inf:
+        return f"it waited {in_words(said)}"
+    text, left = f"it waits {in_words(said)}", (said.seconds or 0.0) - run.time
     since = "from now" if run.is_live else "after the journal ends"
-    later = f", {duration(due - run.time)} {since}" if is_open and due > run.time else ""
-    return f"it wait{'s' if is_open else 'ed'} {in_words(said)}{later}"
+    return f"{text}, {duration(left)} {since}" if left > 0 else text
 
 
 def _why_suspended(_run: Run, message: Message, step: PathStep) -> str:
     for one in message.suspensions if isinstance(message, Task) else ():
-        if one.start <= step.start and (one.end is None or one.end >= step.end):
-            text = by_whom(one.by) + f" at {run_time(one.start)}" * (one.start < step.start)
+        if one.start <= step.start and one.until >= step.end:
+            since = f" at {run_time(one.start)}" if one.start < step.start else ""
+            text = by_whom(one.by) + since
             return f"suspended{text}" if text else ""
     return ""
 
 
 def _why_standing(run: Run, message: Message, step: PathStep) -> str:
     """The wait when the journal ends, or the step."""
-    words = _in_words(run, waits_now(RunAt(run, nextafter(step.end, 0.0)), message.id), step.end)
+    at = RunAt(run, nextafter(step.end, 0.0))
+    words = several_in_words(told(at, waits_now(at, message.id)))
     return f"it waits {words}{still_handled(run, message.id, step.end)}" if words else ""
 
 

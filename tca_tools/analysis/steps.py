@@ -35,7 +35,7 @@ class PathStep:
     doing: Doing
     message_id: int
     """The message that was handled or waited (0: none)."""
-    module: str
+    module: str = ""
     """Whose handler ran, or who worked outside of one; "" if nobody did."""
     resource: str = ""
     handling: Handling | None = None

@@ -91,7 +91,8 @@ def _working(run: Run) -> set[str]:
     offering = {name for name, module in run.modules.items() if module.resources}
     senders = {message.sender for message in run.messages.values() if not message.role}
     claiming = {claim.sender for claim in run.claims.values()}
-    running = {name for handling in run.handlings for name in (handling.module, handling.direct_from)}
+    running = {handling.module for handling in run.handlings}
+    running |= {handling.direct_from for handling in run.handlings}
     return (offering | senders | claiming | running) & run.modules.keys()
 
 
@@ -118,7 +119,8 @@ def mattering(run: Run) -> list[Task]:
             walked += task.children
         else:
             found.append(task)
-    return sorted(found, key=attrgetter("id")) or [run.tasks[number] for number in run.top]
+    found = found or [run.tasks[number] for number in run.top]
+    return sorted(found, key=attrgetter("id"))
 
 
 def stands_by(task: Task) -> bool:
@@ -148,33 +150,45 @@ def _outcome(run: Run, top: list[Task], failures: int) -> str:
         if resolved:
             parts.append(f"{_some(resolved, top)} {TaskState.RESOLVED}")
     if bad:
-        parts.append(f"{_some(len(bad), top)} not achieved: {'first ' * (len(bad) > 1)}{_ended(bad[0])}")
+        first = "first " if len(bad) > 1 else ""
+        parts.append(f"{_some(len(bad), top)} not achieved: {first}{_ended(bad[0])}")
     if living:
-        still = f"still running, as of {run_time(run.time)}" if run.is_live else "not over when the journal ended"
+        still = "not over when the journal ended"
+        if run.is_live:
+            still = f"still running, as of {run_time(run.time)}"
         parts.append(f"{_some(living, top, is_now=run.is_live)} {still}")
-    if watching := sum(stands_by(run.tasks[task]) and not is_over(run.tasks[task]) for task in run.top):
-        parts.append(f"{counted(watching, 'monitor')} still {'watching' if run.is_live else 'watched'}")
+    monitors = [task for task in map(run.tasks.__getitem__, run.top) if stands_by(task)]
+    if watching := sum(not is_over(task) for task in monitors):
+        how = "watching" if run.is_live else "watched"
+        parts.append(f"{counted(watching, 'monitor')} still {how}")
     return "; ".join(parts) + "."
 
 
 def _some(number: int, top: list[Task], *, is_now: bool = False) -> str:
     """``The top-level task was``, ``2 of 3 top-level tasks were``."""
     verb = ("is" if is_now else "was") if number == 1 else ("are" if is_now else "were")
-    return f"The top-level task {verb}" if len(top) == 1 else f"{number:,} of {len(top):,} top-level tasks {verb}"
+    if len(top) == 1:
+        return f"The top-level task {verb}"
+    return f"{number:,} of {len(top):,} top-level tasks {verb}"
 
 
 def _reasons(run: Run, top: list[Task]) -> list[tuple[str, int]]:
     found: dict[object, list[Task]] = {}
     for task in top:
         if task.state in ENDED_BADLY:
-            failed = run.tasks.get(task.killed_for, task) if task.state is TaskState.KILLED else task
+            failed = task
+            if task.state is TaskState.KILLED:
+                failed = run.tasks.get(task.killed_for, task)
             why = failed.failure.name if failed.failure else task.killed
             found.setdefault((task.name, task.state, why), []).append(task)
-    return sorted(((_ended(tasks[0]), len(tasks)) for tasks in found.values()), key=lambda row: -row[1])
+    rows = [(_ended(tasks[0]), len(tasks)) for tasks in found.values()]
+    return sorted(rows, key=lambda row: -row[1])
 
 
 def _ended(task: Task) -> str:
     """``move {5} failed: jam``: a task that was not achieved, and why."""
-    killed = f"was killed: {task.why_killed or 'nobody said why'}"
-    text = first_line(f"{task} failed: {task.failure}" if task.state is TaskState.FAILED else f"{task} {killed}")
+    how = f"was killed: {task.why_killed or 'nobody said why'}"
+    if task.state is TaskState.FAILED:
+        how = f"failed: {task.failure}"
+    text = first_line(f"{task} {how}")
     return text if len(text) <= _LONGEST else text[:_LONGEST] + "…"

@@ -41,17 +41,22 @@ def _calls(at: RunAt, task: Task, start: float, end: float) -> Iterator[Call]:
         one = bisect_left(task.caught_by, number)
         if (handler := at.tasks.get(number)) is not None:
             record = run.tasks[number]
+            text = f"{handler} was called"
             runs = [handling for handling in record.handlings if handling.start <= at.moment]
-            by = f" in {runs[-1].module}" if runs else ""
-            how = "" if handler.state in (TaskState.HANDLING, TaskState.ACHIEVED) else f": {handler.state}"
-            yield Call(record.received, 2 * one, f"{handler} was called{by}{how}")
-        if number in run.reissued:
-            yield Call(run.reissued[number], 2 * one + 1, f"{run.describe(number)} passed the failure on")
-        if number in run.left_open:
-            how = "returned without dealing with the failure"
-            yield Call(run.left_open[number], 2 * one + 1, f"{run.describe(number)} {how}")
+            if runs:
+                text += f" in {runs[-1].module}"
+            if handler.state not in (TaskState.HANDLING, TaskState.ACHIEVED):
+                text += f": {handler.state}"
+            yield Call(record.received, 2 * one, text)
+        for ends, how in (
+            (run.reissued, "passed the failure on"),
+            (run.left_open, "returned without dealing with the failure"),
+        ):
+            if number in ends:
+                yield Call(ends[number], 2 * one + 1, f"{run.describe(number)} {how}")
     spents = run.exhausted.get(task.id, [])
-    for spent in spents[bisect_left(spents, start, key=_TIME) : bisect_left(spents, end, key=_TIME)]:
+    first, last = (bisect_left(spents, time, key=_TIME) for time in (start, end))
+    for spent in spents[first:last]:
         later = bisect_left(task.caught_by, spent.time, key=run.sent)
         yield Call(spent.time, 2 * later, exhausted(spent))
 
@@ -86,12 +91,11 @@ def retried(run: Run, task: Task, retry: Retry) -> str:
     """``to be handled again, with other data (retried by safety)``; if an exception handler that was called for another
     task asked for it, with which and why.
     """
-    handler = decider(run, retry.asker)
-    failed, why = called_for(run, handler) if handler else task, ""
-    if failed is not task:
-        failure = first_line(failed.was("failure", handler.received) if handler else "")
-        why = f": {handler}, called for {failed}, which had failed: {failure}"
-    return f"to be handled again{', with other data' * retry.is_other} (retried{by_whom(retry.by)}{why})"
+    handler, why = decider(run, retry.asker), by_whom(retry.by)
+    if handler is not None and (failed := called_for(run, handler)) is not task:
+        failure = first_line(failed.was("failure", handler.received))
+        why += f": {handler}, called for {failed}, which had failed: {failure}"
+    return f"to be handled again{', with other data' * retry.is_other} (retried{why})"
 
 
 def decisions(run: Run, handler: Task) -> Iterator[tuple[float, str]]:
@@ -105,7 +109,10 @@ def decisions(run: Run, handler: Task) -> Iterator[tuple[float, str]]:
         for retry in task.retries:
             if decider(run, retry.asker) is handler:
                 retried.add(retry.time)
-                yield retry.time, f"has {task} handled again{', with other data' * retry.is_other}"
+                how = ", with other data" if retry.is_other else ""
+                yield retry.time, f"has {task} handled again{how}"
         if decider(run, task.killer) is handler:
             killed[task.written("killed")] = task  # and with it those under it
-    yield from ((time, f"kills {task}") for time, task in killed.items() if time not in retried)
+    for time, task in killed.items():
+        if time not in retried:
+            yield time, f"kills {task}"

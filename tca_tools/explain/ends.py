@@ -1,22 +1,16 @@
-"""The ends of waits: from wait to wait until something waits for nothing else.
-
-Each node is looked at once a moment, however many wait for it, and nothing recurses.
-"""
+"""The ends of all waits of a run at a moment, and what most of its tasks wait for."""
 
 from collections import Counter
-from collections.abc import Iterator
-from heapq import merge
-from itertools import groupby, islice
+from itertools import islice
 from typing import NamedTuple
 
+from tca_tools.explain.graph import next_node, steps
 from tca_tools.explain.wait import Node
-from tca_tools.explain.waits import next_node, steps
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import OVER
 from tca_wire.waits import WaitKind
+from tca_wire.waits import ends as walker
 
-MOST = 100
-"""Ends of one task that are told apart."""
 _TOLD = 20
 """Things that many wait for."""
 _RANKS = (
@@ -64,11 +58,11 @@ class Ends:
 
     def __init__(self, at: RunAt) -> None:
         self._at = at
-        self._ends: dict[Node, tuple[End, ...]] = {}
-        self._circles: dict[int, list[int]] = {}
-        """All that wait for each other in a circle, by the first."""
-        self.last: set[End] = set()
-        """All ends that something else has been found to wait for."""
+        self._walk: walker.Ends[Node, End] = walker.Ends(self)
+        self._left: int | None = None
+        """The number of waits that may be looked at (None: all)."""
+        self._awaited: set[Node] = set()
+        """All that something else waits for."""
 
     @classmethod
     def at(cls, at: RunAt) -> "Ends":
@@ -84,98 +78,37 @@ class Ends:
 
     def of_node(self, node: Node, within: int | None = None) -> tuple[End, ...]:
         """The ends of the waits of any node."""
-        if node not in self._ends and within != 0 and not self._is_plain(node, *steps(self._at, node)):
-            self._follow(node, within)
-        return self._ends.get(node, ())
+        self._left = within
+        try:
+            return self._walk.of(node)
+        except walker.TooFarError:
+            return ()
 
-    def _is_plain(self, node: Node, nexts: list[Node], leaves: list[WaitKind]) -> bool:
-        """Whether a node waits for one thing only, of which the ends are known: then it has the same."""
-        if len(nexts) != 1 or leaves or (found := self._ends.get(nexts[0])) is None:
-            return False
-        self._ends[node] = found
-        if found[0].number == nexts[0].number != node.number:
-            self.last.add(found[0])
-        return True
+    def steps(self, node: Node) -> tuple[list[Node], list[End]]:
+        """One step of the walk."""
+        if self._left is not None:
+            self._left -= 1
+            if self._left < 0:
+                raise walker.TooFarError
+        nexts, leaves = steps(self._at, node)
+        self._awaited.update(nexts)
+        if nexts and not leaves:
+            return nexts, []
+        return nexts, [End(_RANK[kind], node.number) for kind in leaves or (None,)]
 
-    def _follow(self, start: Node, within: int | None) -> None:
-        """Go on as long as each waits for one thing only, as in a long chain; from there on search."""
-        ends, node = self._ends, start
-        chain: dict[Node, None] = {}
-        while node not in ends and node not in chain and (within is None or len(chain) < within):
-            nexts, leaves = steps(self._at, node)
-            if leaves or len(nexts) != 1:
-                break
-            chain[node] = None
-            node = nexts[0]
-        if node in chain:  # a circle
-            self._find(start, within)
-            return
-        if node not in ends:
-            self._find(node, None if within is None else within - len(chain))
-        for one in reversed(chain) if node in ends else ():
-            self._is_plain(one, [node], [])
-            node = one
+    @staticmethod
+    def circle(nodes: list[Node]) -> End:
+        """The end of those that wait for each other."""
+        return End(_RANK[WaitKind.CIRCLE], min(node.number for node in nodes))
 
-    def circle(self, number: int) -> list[int]:
-        """All that wait for each other in a circle, by its first."""
-        return self._circles[number]
+    def members(self, circle: End) -> list[int]:
+        """All that wait for each other in a circle."""
+        return sorted({node.number for node in self._walk.circles[circle]})
 
-    def _find(self, start: Node, within: int | None) -> None:
-        """Go depth first to where something waits for nothing else; what waits for each other is found together
-        (Tarjan's algorithm, without recursion).
-        """
-        ends, order, lowest = self._ends, dict[Node, int](), dict[Node, int]()
-        undecided: dict[Node, tuple[list[Node], list[WaitKind]]] = {}
-        way: list[tuple[Node, list[Node], Iterator[Node]]] = [(start, [], iter([start]))]
-        while way:
-            node, further, rest = way[-1]
-            for new in rest:
-                if new in order or new in ends:
-                    continue
-                if within is not None and len(order) > within:
-                    return
-                order[new] = lowest[new] = len(order)
-                nexts, leaves = steps(self._at, new)
-                if not self._is_plain(new, nexts, leaves):
-                    undecided[new] = nexts, leaves
-                    way.append((new, nexts, iter(nexts)))
-                    break
-            else:
-                way.pop()
-                lowest[node] = min([lowest[node], *(lowest[one] for one in further if one not in ends)])
-                if lowest[node] == order[node] and node in undecided:
-                    self._settle(undecided, node)
-
-    def _settle(self, undecided: dict[Node, tuple[list[Node], list[WaitKind]]], first: Node) -> None:
-        """Give each circle of waits, or single node, the ends of all that it waits for elsewhere."""
-        group = dict([undecided.popitem()])
-        while first not in group:
-            group.update([undecided.popitem()])
-        several = self._beyond(group)
-        if not several:
-            numbers = sorted({node.number for node in group})
-            self._circles[numbers[0]] = numbers
-            several = [(End(_RANK[WaitKind.CIRCLE], numbers[0]),)]
-        ends = several[0]
-        if len(several) > 1:
-            ends = tuple(islice((end for end, _ in groupby(merge(*several))), MOST + 1))
-        for node in group:
-            self._ends[node] = ends
-
-    def _beyond(self, group: dict[Node, tuple[list[Node], list[WaitKind]]]) -> list[tuple[End, ...]]:
-        """The ends of all that a group waits for elsewhere, and its own."""
-        numbers = {node.number for node in group}
-        own: set[End] = set()
-        several: dict[int, tuple[End, ...]] = {}
-        for node, (nexts, leaves) in group.items():
-            if leaves or not nexts:
-                own.update(End(_RANK[leaf], node.number) for leaf in leaves or (None,))
-            for to in nexts:
-                if (known := self._ends.get(to)) is not None:
-                    several[id(known)] = known
-                    if known[0].number == to.number and to.number not in numbers:
-                        self.last.add(known[0])
-        return [*several.values(), *([tuple(sorted(own))] if own else [])]
+    def last(self) -> set[End]:
+        """All ends that something else has been found to wait for."""
+        known = ((to.number, self._walk.known[to][0]) for to in self._awaited if to in self._walk.known)
+        return {end for number, end in known if end.number == number}
 
 
 def causes(at: RunAt) -> tuple[int, int, list[Cause]]:
@@ -203,7 +136,7 @@ def causes(at: RunAt) -> tuple[int, int, list[Cause]]:
     told = [tuple(sorted(set(things[thing]))) for thing in ranked]
     return (
         sum(len(tasks) for _, tasks in waiting.values()),
-        len({*things, *(_thing(at, end) for end in ends.last)}),
+        len({*things, *(_thing(at, end) for end in ends.last())}),
         [Cause(one, counts[thing], first.get(one[0], one[0].number)) for one, thing in zip(told, ranked, strict=True)],
     )
 

@@ -6,7 +6,7 @@ every change of its keeper: that costs what happened in the resource meanwhile, 
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
-from math import inf
+from itertools import pairwise
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ from tca_tools.journal.records import Claim, HandlerWait, Handling, Message, Que
 from tca_tools.journal.whole_run import Run
 from tca_wire.text.facts_in_words import called
 
+_Key = tuple[str, str]
 _NO_TIME = 1e-6
 """Seconds: a keeper that lasts no longer is left out."""
 
@@ -29,7 +30,8 @@ class Keepers(NamedTuple):
 
     def are(self, others: "Keepers") -> bool:
         """Whether they are the same."""
-        return self.claim is others.claim and list(map(id, self.runs)) == list(map(id, others.runs))
+        runs = [id(one) for one in self.runs]
+        return self.claim is others.claim and runs == [id(one) for one in others.runs]
 
 
 class WaitPart(NamedTuple):
@@ -53,11 +55,13 @@ def kept_out(at: RunAt, module: str, resource: str, message: Message | TaskAt) -
     held_by = at.held_by(module, resource)
     if held_by is None:
         line = _line_at(at, module, resource)
-        if line.wanted and (line.has_room or line.inside or line.wanted[0].start < _came(at.run, message.id)):
-            return Keepers(claim=line.wanted[0])
+        first, came = next(iter(line.wanted), None), _came(at.run, message.id)
+        if first and (line.has_room or line.inside or first.start < came):
+            return Keepers(claim=first)
     elif not (held_by.is_reserved and held_by.sender == _sent_by(at.run, message.id)):
         return Keepers(claim=held_by)
-    return Keepers(tuple(run for run in at.running(module, resource) if run.message_id != message.id))
+    runs = at.running(module, resource)
+    return Keepers(tuple(run for run in runs if run.message_id != message.id))
 
 
 def ahead_of_claim(at: RunAt, claim: Claim) -> Keepers:
@@ -72,7 +76,8 @@ def ahead_of_claim(at: RunAt, claim: Claim) -> Keepers:
     while run is not None:  # and what it was called back by waits in the same slot
         own.add(id(run))
         run = line.called_back_by.get(id(run))
-    runs = tuple(run for run in at.inside(claim.module, claim.resource) if id(run) not in own)
+    inside = at.inside(claim.module, claim.resource)
+    runs = tuple(run for run in inside if id(run) not in own)
     return Keepers(runs, line.wanted[before - 1] if before else None)
 
 
@@ -81,7 +86,8 @@ def kept_since(at: RunAt, by: Keepers, begun: float) -> float:
     since = [begun, *(run.start for run in by.runs)]
     if by.claim is not None:
         granted = by.claim.granted
-        since.append(granted if granted is not None and granted <= at.moment else by.claim.start)
+        is_late = granted is None or granted > at.moment
+        since.append(by.claim.start if granted is None or is_late else granted)
     return max(since)
 
 
@@ -120,14 +126,16 @@ def _came(run: Run, number: int) -> float:
     message = run.messages.get(number)
     if message is None:
         return 0.0
-    return min((one[0].start for one in (message.queueings, message.handlings) if one), default=message.received)
+    first = (one[0].start for one in (message.queueings, message.handlings) if one)
+    return min(first, default=message.received)
 
 
 def _sent_by(run: Run, number: int) -> str:
     """The sender of a message, or of the message that central made it for."""
-    while (message := run.messages.get(number)) is not None and message.role and message.about < number:
-        number = message.about
-    return message.sender if message else ""
+    message = run.messages.get(number)
+    while message is not None and message.role and message.about < message.id:
+        message = run.messages.get(message.about)
+    return message.sender if message is not None else ""
 
 
 # --- over time -------------------------------------------------------------------------------------------------------
@@ -135,45 +143,50 @@ def _sent_by(run: Run, number: int) -> str:
 
 def parts_in_queue(run: Run, queueing: Queueing, message: Message) -> list[WaitPart]:
     """The keepers of a resource from a queued message, one after the other."""
-    module, resource = queueing.module, queueing.resource
-    return _parts(run, queueing, [module], resource, lambda at: kept_out(at, module, resource, message))
+    key = queueing.module, queueing.resource
+    return _parts(run, queueing, [key], lambda at: kept_out(at, *key, message))
 
 
 def parts_of_claim(run: Run, wait: HandlerWait, claim: Claim) -> list[WaitPart]:
     """The keepers of a resource from a claim, one after the other: in all copies of the module."""
-    copies = [one for one in run.modules if called(one) == called(claim.module)]
-    return _parts(run, wait, copies, claim.resource, lambda at: ahead_of_claim(at, claim))
+    copies = (one for one in run.modules if called(one) == called(claim.module))
+    keys = [(one, claim.resource) for one in copies]
+    return _parts(run, wait, keys, lambda at: ahead_of_claim(at, claim))
 
 
-def _turns(run: Run, modules: list[str], resource: str, start: float, end: float) -> Iterator[float | None]:
+def _turns(run: Run, keys: list[_Key], start: float, end: float) -> Iterator[float]:
     """When the keepers of a resource may have changed."""
-    for module in modules:
-        runs = run.runs.get((module, resource), [])
-        first, last = (bisect_right(runs, time, key=attrgetter("start")) for time in (start, end))
-        for handling in (*(runs[first - 1].beside if first else ()), *runs[max(first - 1, 0) : last]):
-            yield from (handling.start, handling.end)
-        if known := run.modules.get(module):
-            yield from (time for time, _ in known.sizes.get(resource, ()))
-    for claim in run.asked_for(modules[0], resource) if modules else ():
-        yield from (claim.start, claim.granted, claim.end, claim.by.end if claim.by else None)
+    for key in keys:
+        runs = run.runs.get(key, [])
+        first = bisect_right(runs, start, key=attrgetter("start"))
+        last = bisect_right(runs, end, key=attrgetter("start"))
+        beside = runs[first - 1].beside if first else ()
+        for handling in (*beside, *runs[max(first - 1, 0) : last]):
+            yield from (handling.start, handling.until)
+        if known := run.modules.get(key[0]):
+            yield from (time for time, _ in known.sizes.get(key[1], ()))
+    for claim in run.asked_for(*keys[0]) if keys else ():
+        yield from (claim.start, claim.until)
+        if claim.granted is not None:
+            yield claim.granted
+        if claim.by is not None:
+            yield claim.by.until
 
 
 def _parts(
-    run: Run,
-    wait: Queueing | HandlerWait,
-    modules: list[str],
-    resource: str,
-    keepers: Callable[[RunAt], Keepers],
-) -> list[WaitPart]:
-    start, end = wait.start, inf if wait.end is None else wait.end
-    turns = _turns(run, modules, resource, start, end)
-    stops = [start, *sorted({time for time in turns if time is not None and start < time < end})]
-    found: list[WaitPart] = []
-    for stop, after in zip(stops, [*stops[1:], end], strict=True):
+    run: Run, wait: Queueing | HandlerWait, keys: list[_Key], keepers: Callable[[RunAt], Keepers]
+) -> list[WaitPart]:  # fmt: skip
+    start, end = wait.start, wait.until
+    turns = _turns(run, keys, start, end)
+    stops = sorted({time for time in turns if start < time < end})
+    found: list[tuple[float, Keepers]] = []
+    for stop, after in pairwise([start, *stops, end]):
         if after - stop < _NO_TIME and (found or after < end):
             continue
         by = keepers(RunAt(run, stop))
-        if not found or not by.are(found[-1].by):
-            found.append(WaitPart(stop if found else start, after, by))
-    ends = [*(part.start for part in found[1:]), end]
-    return [part._replace(end=end) for part, end in zip(found, ends, strict=True)]
+        if not found or not by.are(found[-1][1]):
+            found.append((stop if found else start, by))
+    parts = []
+    for (since, by), (until, _) in pairwise([*found, (end, Keepers())]):
+        parts.append(WaitPart(since, until, by))
+    return parts

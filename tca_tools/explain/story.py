@@ -1,8 +1,8 @@
 """The story of one message, in sentences: its sender, its waits, its handlers, its end."""
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterator
-from itertools import groupby
+from collections.abc import Iterator
+from itertools import groupby, pairwise
 from math import inf, nextafter
 from operator import attrgetter
 from typing import NamedTuple
@@ -10,12 +10,12 @@ from typing import NamedTuple
 from tca_tools.explain.deciding import decisions, exhausted, passed_on, retried
 from tca_tools.explain.keepers import WaitPart, parts_in_queue, parts_of_claim
 from tca_tools.explain.wait import Wait
-from tca_tools.explain.wait_words import of_ahead, of_claim, of_query, of_queueing, told, wait_for
-from tca_tools.explain.waits import NAMED, NO_TIME, of_handler_wait, told_waits
+from tca_tools.explain.wait_words import of_ahead, of_claim, of_query, of_queueing, suspended, told, wait_for
+from tca_tools.explain.waits import NO_TIME, of_handler_wait, told_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.coordinators import agent_task
 from tca_tools.journal.fates import WATCHING, told_to
-from tca_tools.journal.records import OVER, HandlerWait, Handling, Message, Task, TaskState
+from tca_tools.journal.records import OVER, HandlerWait, Handling, LifeChange, Message, Task, TaskState
 from tca_tools.journal.whole_run import Run
 from tca_tools.terminal import cut
 from tca_wire.coordination import TaskRole
@@ -24,9 +24,9 @@ from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place, raised_by
 from tca_wire.text.measures import counted, listed
 from tca_wire.text.printable import first_line
-from tca_wire.text.waits_in_words import in_words, several_in_words, suspended_by, whereabouts
+from tca_wire.text.waits_in_words import in_words, several_in_words, whereabouts
 from tca_wire.vocabulary import Outcome
-from tca_wire.waits import WaitFor, WaitKind
+from tca_wire.waits import NAMED, WaitFor, WaitKind
 
 NOT_HANDLED = "no exception handler handled that"
 """Of a task that failed and was killed for that: how it failed is said already."""
@@ -37,7 +37,8 @@ _MANY = 3
 """Waits of one handler at a time, more of which are told as one; keepers told at either end of a wait in a queue."""
 _LONGEST_ANSWER = 40
 """Columns of an answer that is told among others."""
-_IS_TOLD = {TaskState.QUEUED, TaskState.FAILED, TaskState.KILLED, TaskState.HANDLING, TaskState.SUSPENDED}
+_BAD = {TaskState.FAILED, TaskState.KILLED}
+_IS_TOLD = {*_BAD, TaskState.QUEUED, TaskState.HANDLING, TaskState.SUSPENDED}
 """States of which other sentences tell."""
 
 
@@ -62,16 +63,21 @@ class Sentence(NamedTuple):
 
     def known(self, moment: float) -> "Sentence":
         """The sentence as known at a moment: without a later end."""
-        if self.is_open or (self.seconds is not None and self.time + self.seconds > moment):
+        goes_on = self.seconds is not None and self.time + self.seconds > moment
+        if self.is_open or goes_on:
             return self._replace(seconds=None, is_open=True, ending="")
         return self
 
     def by(self, moment: float, time: float) -> str:
         """The text as known at a moment, when the clock showed *time*: with how long it took, or has so far."""
-        known = self.known(moment)
-        if known.is_open:
-            return self.begun + (f", {time - self.time:.3f} s so far" if time - self.time >= _SHORTEST else "")
-        return self.text + (f", {self.seconds:.3f} s" if self.seconds is not None else "")
+        so_far = time - self.time
+        if self.known(moment).is_open:
+            return self.begun + f", {so_far:.3f} s so far" * (so_far >= _SHORTEST)
+        took = "" if self.seconds is None else f", {self.seconds:.3f} s"
+        return self.text + took
+
+
+Sentences = Iterator[Sentence]
 
 
 def _lasting(start: float, end: float, text: str, ending: str = "") -> Sentence:
@@ -89,7 +95,8 @@ def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
     told = [_birth(run, message), *_failures(run, message, moment)]
     for time, why in message.became("dropped"):
         if why:
-            told.append(Sentence(time, _answers_so_far(run, message, time) or f"came to nothing: {why}"))
+            text = _answers_so_far(run, message, time) or f"came to nothing: {why}"
+            told.append(Sentence(time, text))
     if isinstance(message, Task):
         told += _exception_handlers(run, message)
         told += _suspensions(run, message, moment)
@@ -103,26 +110,33 @@ def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
         told += _run(RunAt(run, moment), handling)
     if isinstance(message, Task):
         told += _states(run, message, moment)
-    return sorted(told, key=attrgetter("time"))  # at one time: what happened before what follows from it
+    # at one time: what happened before what follows from it
+    return sorted(told, key=attrgetter("time"))
 
 
 def _birth(run: Run, message: Message) -> Sentence:
+    text = str(message.message_class)
     if message.role:
-        role = "" if message.role.value == message.message_class.value else f": {message.role}"
-        text = f"{message.message_class} made by central{role} for {run.describe(message.about)}"
+        text += " made by central"
+        if message.role.value != message.message_class.value:
+            text += f": {message.role}"
+        text += f" for {run.describe(message.about)}"
     else:
-        origin = run.delivered(message.origin)
-        text = f"{message.message_class} sent by {message.sender}{f' while handling {origin}' if origin else ''}"
+        text += f" sent by {message.sender}"
+        if origin := run.delivered(message.origin):
+            text += f" while handling {origin}"
     if isinstance(message, Task) and message.parent:
         text += f", under {run.describe(message.parent)}"
     return Sentence(message.received, text)
 
 
-def _failures(run: Run, message: Message, moment: float) -> Iterator[Sentence]:
-    raised = {(one.time, one.failure): raised_by(one.by) for one in run.raised.get(message.id, ())}
+def _failures(run: Run, message: Message, moment: float) -> Sentences:
+    raised = run.raised.get(message.id, ())
+    by = {(one.time, one.failure): raised_by(one.by) for one in raised}
     for time, failure in message.became("failure"):
         if failure:
-            yield Sentence(time, f"failed: {failure}{raised.get((time, failure), '')}", is_bad=True)
+            text = f"failed: {failure}{by.get((time, failure), '')}"
+            yield Sentence(time, text, is_bad=True)
             if who := told_to(run, message, time, max(moment, time)):
                 yield Sentence(time, f"its failure is {who}")
     for time, data in message.became("failure_data"):
@@ -130,16 +144,17 @@ def _failures(run: Run, message: Message, moment: float) -> Iterator[Sentence]:
             yield Sentence(time, f"the failure's data: {text}")
 
 
-def _kills(task: Task) -> Iterator[Sentence]:
+def _kills(task: Task) -> Sentences:
     """When it was killed, or watched no longer."""
     for time, why in task.became("watched"):
         if why:
             yield Sentence(time, f"watches no longer: {why}")
     for time, why in task.became("killed"):
         if why is not None:
-            is_told = task.killed_for == task.id and task.was("failure", time)
-            told = NOT_HANDLED if is_told else kill_reason(why, task.was("killed_by", time))
-            yield Sentence(time, f"killed: {told}", is_bad=True)
+            reason = kill_reason(why, task.was("killed_by", time))
+            if task.killed_for == task.id and task.was("failure", time):
+                reason = NOT_HANDLED
+            yield Sentence(time, f"killed: {reason}", is_bad=True)
 
 
 def _answers_so_far(run: Run, query: Message, given_up: float) -> str:
@@ -151,14 +166,18 @@ def _answers_so_far(run: Run, query: Message, given_up: float) -> str:
     at = RunAt(run, nextafter(given_up, 0.0))
     over = [one for one in query.handlings if one.until <= at.moment]
     answers = []
-    for one in (one for one in over if one.outcome is Outcome.DONE):
-        data = data_text(query.was("result", one.until))
-        answers.append(place(one.module, one.resource) + (f" ({cut(data, _LONGEST_ANSWER)})" if data else ""))
-    asked = len(over) + len(of_query(at, query).because)
-    return f"its sender waits no longer: {len(answers)} of {asked} had answered: {listed(answers)}" if answers else ""
+    for one in over:
+        if one.outcome is Outcome.DONE:
+            who = place(one.module, one.resource)
+            data = cut(data_text(query.was("result", one.until)), _LONGEST_ANSWER)
+            answers.append(f"{who} ({data})" if data else who)
+    if not answers:
+        return ""
+    how_many = f"{len(answers)} of {len(over) + len(of_query(at, query).because)}"
+    return f"its sender waits no longer: {how_many} had answered: {listed(answers)}"
 
 
-def _exception_handlers(run: Run, task: Task) -> Iterator[Sentence]:
+def _exception_handlers(run: Run, task: Task) -> Sentences:
     """Those that were called for it, those that were not, and what came of that; or what it decided as one."""
     for spent in run.exhausted.get(task.id, ()):
         yield Sentence(spent.time, f"exception handler {exhausted(spent)}")
@@ -170,70 +189,83 @@ def _exception_handlers(run: Run, task: Task) -> Iterator[Sentence]:
                     yield Sentence(time, f"{found} fails, too: {first_line(failure)}")
         for time, how in passed_on(run, handler):
             yield Sentence(time, f"{run.describe(handler)} {how}")
-    yield from (Sentence(*one) for one in passed_on(run, task.id, f"the failure of {run.describe(task.parent)}"))
+    what = f"the failure of {run.describe(task.parent)}"
+    yield from (Sentence(*one) for one in passed_on(run, task.id, what))
     for retry in task.retries:
         yield Sentence(retry.time, retried(run, task, retry))
-    yield from (Sentence(time, text) for time, text in decisions(run, task))
+    yield from (Sentence(*one) for one in decisions(run, task))
 
 
-def _suspensions(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
+def _suspensions(run: Run, task: Task, moment: float) -> Sentences:
     """When it was suspended and resumed, and which handlers ran on."""
     for one in task.suspensions:
-        cause, text = run.describe(one.cause), suspended_by(one.by, since_birth=one.since_birth)
+        cause = run.describe(one.cause)
+        text = suspended(one)
         if one.end is None or one.is_resumed or one.goes_on(moment):
             text += f", until {cause} is resumed"
         elif one.cause != task.id:
             text += f" with {cause}"
         yield _lasting(one.start, one.until, text)
         for handling in one.still:
-            if handling.start < one.start and task.id in (handling.message_id, one.cause):
-                who = "its handler" if handling.message_id == task.id else run.describe(handling.message_id)
+            number = handling.message_id
+            if handling.start < one.start and task.id in (number, one.cause):
+                who = "its handler" if number == task.id else run.describe(number)
                 yield _lasting(one.start, handling.until, f"{who} still runs")
         if one.is_resumed:
             yield Sentence(one.until, f"resumed{by_whom(one.resumed_by)}")
 
 
-def _tests(run: Run, monitor: Task, moment: float) -> Iterator[Sentence]:
+def _tests(run: Run, monitor: Task, moment: float) -> Sentences:
     """The results of a monitor's condition; tests with the same outcome, one after the other, are one sentence."""
-    for (_, holds), tests in groupby(run.tests.get(monitor.id, ()), key=lambda test: (test[0] <= moment, test[1])):
-        first, *more = [time for time, _ in tests]
-        text = "its condition holds" if holds else "its condition does not hold"
-        often = f", {1 + len(more)} times" if more else ""
-        yield Sentence(first, text, more[-1] - first if more else None, ending=often)
+
+    def outcome(test: tuple[float, bool]) -> tuple[bool, bool]:
+        return test[0] <= moment, test[1]
+
+    for (_, holds), some in groupby(run.tests.get(monitor.id, ()), key=outcome):
+        first, *more = [time for time, _ in some]
+        text = f"its condition {'holds' if holds else 'does not hold'}"
+        if more:
+            yield _lasting(first, more[-1], text, f", {1 + len(more)} times")
+        else:
+            yield Sentence(first, text)
 
 
-def _changes(task: Task, moment: float) -> Iterator[Sentence]:
+def _changes(task: Task, moment: float) -> Sentences:
     """The requests of clients, the answers to them, and intermediate results: one after the other, these are told
     together.
     """
-    for (_, are_results), some in groupby(
-        task.life, key=lambda one: (one.time <= moment, one.effect is Effect.RESULT and one.transition)
-    ):
-        first, *more = some
+
+    def kind(one: LifeChange) -> tuple[bool, object]:
+        return one.time <= moment, one.effect is Effect.RESULT and one.transition
+
+    for (_, are_results), changes in groupby(task.life, key=kind):
+        first, *more = some = list(changes)
         if are_results and more:
-            ending = f", {1 + len(more)} times; the last: {data_text(more[-1].body)}"
-            yield Sentence(first.time, str(first), more[-1].time - first.time, ending=ending)
-        else:
-            yield from (Sentence(one.time, str(one) + _behind(data_text(one.body))) for one in (first, *more))
+            last = more[-1]
+            ending = f", {len(some)} times; the last: {data_text(last.body)}"
+            yield _lasting(first.time, last.time, str(first), ending)
+            continue
+        for one in some:
+            data = data_text(one.body)
+            yield Sentence(one.time, f"{one}: {data}" if data else str(one))
 
 
-def _behind(data: str) -> str:
-    return f": {data}" if data else ""
-
-
-def _preview(run: Run, task: Task) -> Iterator[Sentence]:
+def _preview(run: Run, task: Task) -> Sentences:
     """How long it was ahead of its state, and what became of that."""
     if (sent := agent_task(run, task)) is None:
         return
-    for (time, role), until in zip(sent.roles, [*(time for time, _ in sent.roles[1:]), inf], strict=True):
+    ending = ", which is entered: kept"
+    if sent.is_wasted:
+        ending = ", and wasted: that does not follow"
+    ahead = f"ahead of the state '{sent.state}'"
+    for (time, role), (until, _) in pairwise([*sent.roles, (inf, None)]):
         if role is TaskRole.AHEAD:
-            ending = ", and wasted: that does not follow" if sent.is_wasted else ", which is entered: kept"
-            yield _lasting(time, until, f"ahead of the state '{sent.state}'", ending)
+            yield _lasting(time, until, ahead, ending)
         elif role is TaskRole.RESTORING:
-            yield Sentence(time, f"undoes what was wasted ahead of the state '{sent.state}'")
+            yield Sentence(time, f"undoes what was wasted {ahead}")
 
 
-def _plans(run: Run, task: Task) -> Iterator[Sentence]:
+def _plans(run: Run, task: Task) -> Sentences:
     """Its deadlines, and the kills that were to come."""
     for one in run.ahead.get(task.id, ()):
         at = RunAt(run, one.set_at)
@@ -244,35 +276,37 @@ def _plans(run: Run, task: Task) -> Iterator[Sentence]:
 # --- queues and handlers ---------------------------------------------------------------------------------------------
 
 
-def _waits_in_queues(run: Run, message: Message, moment: float) -> Iterator[Sentence]:
+def _waits_in_queues(run: Run, message: Message, moment: float) -> Sentences:
     for queueing in message.queueings:
         if queueing.end == queueing.start:
             continue  # it passed through, to a handler that was free
         if not queueing.module:
             yield _lasting(queueing.start, queueing.until, "no module handles it")
             continue
-        for start, end, parts in _briefly(parts_in_queue(run, queueing, message), moment):
-            what = in_words(of_queueing(RunAt(run, start), queueing, parts[0].by))
-            if len(parts) > 1:
-                what = f"for {place(queueing.module, queueing.resource)}, {_one_after_the_other(parts)}"
-            yield _lasting(start, end, f"queued {what}")
+        thing = place(queueing.module, queueing.resource)
+        for parts in _briefly(parts_in_queue(run, queueing, message), moment):
+            what = of_queueing(RunAt(run, parts[0].start), queueing, parts[0].by)
+            yield _kept_busy("queued", thing, what, parts)
 
 
-def _one_after_the_other(parts: list[WaitPart]) -> str:
-    return f"kept busy by {counted(len(parts), 'other')}, one after the other"
+def _kept_busy(how: str, thing: str, what: WaitFor, parts: list[WaitPart]) -> Sentence:
+    """A part of a wait for a resource; or of several, in which others kept it busy one after the other."""
+    told = in_words(what)
+    if len(parts) > 1:
+        told = f"for {thing}, kept busy by {counted(len(parts), 'other')}, one after the other"
+    return _lasting(parts[0].start, parts[-1].end, f"{how} {told}")
 
 
-def _briefly(parts: list[WaitPart], moment: float) -> Iterator[tuple[float, float, list[WaitPart]]]:
+def _briefly(parts: list[WaitPart], moment: float) -> Iterator[list[WaitPart]]:
     """The first and the last ones that had begun at a moment, and of those after it likewise; those between together.
     What is told of a moment stays the same when time goes on.
     """
     known = bisect_right(parts, moment, key=attrgetter("start"))
     for some in (parts[:known], parts[known:]):
-        middle = some[_MANY:-_MANY]
-        together = [middle] if len(middle) > 1 else [[one] for one in middle]
-        last = some[max(len(some) - _MANY, _MANY) :]
-        for group in ([one] for one in some[:_MANY]), together, ([one] for one in last):
-            yield from ((one[0].start, one[-1].end, one) for one in group)
+        yield from ([one] for one in some[:_MANY])
+        if middle := some[_MANY:-_MANY]:
+            yield middle
+        yield from ([one] for one in some[max(len(some) - _MANY, _MANY) :])
 
 
 class _Asked(NamedTuple):
@@ -283,7 +317,7 @@ class _Asked(NamedTuple):
     end: float
 
 
-def _run(at: RunAt, handling: Handling) -> Iterator[Sentence]:
+def _run(at: RunAt, handling: Handling) -> Sentences:
     how = ""
     if handling.end is not None and handling.outcome is not Outcome.DONE:
         how = f": {handling.outcome or 'cut off'}"
@@ -299,19 +333,19 @@ def _run(at: RunAt, handling: Handling) -> Iterator[Sentence]:
             yield sentence
         else:
             over.append(_Asked(_plain(at.run, wait), wait.start, wait.until))
-    yield from _together(over, lambda some: f"its handler waits {several_in_words(some)}")
+    for some in _together(over):
+        what = several_in_words(one.what for one in some)
+        yield _in_all(some, f"its handler waits {what}")
     yield from _questions(at, handling)
 
 
-def _claim(at: RunAt, wait: HandlerWait) -> Iterator[Sentence]:
+def _claim(at: RunAt, wait: HandlerWait) -> Sentences:
     """A lock that a handler waits for, and has."""
     claim = at.run.claims[wait.awaited]
-    parts = parts_of_claim(at.run, wait, claim) if claim.granted != wait.start else []
-    for start, end, some in _briefly(parts, at.moment):
-        what = in_words(of_claim(RunAt(at.run, start), claim, some[0].by))
-        if len(some) > 1:
-            what = f"for the {claim}, {_one_after_the_other(some)}"
-        yield _lasting(start, end, f"its handler waits {what}")
+    known = parts_of_claim(at.run, wait, claim) if claim.granted != wait.start else []
+    for parts in _briefly(known, at.moment):
+        what = of_claim(RunAt(at.run, parts[0].start), claim, parts[0].by)
+        yield _kept_busy("its handler waits", f"the {claim}", what, parts)
     if claim.granted is not None:
         yield _lasting(claim.granted, claim.until, f"its handler has the {claim}")
 
@@ -323,31 +357,39 @@ def awaited(run: Run, wait: HandlerWait) -> str:
 
 def _plain(run: Run, wait: HandlerWait) -> WaitFor:
     """The thing a handler waited for, without where that was."""
-    kind = of_handler_wait(run, wait).kind
-    return WaitFor(kind, wait.awaited, wait.name or run.name(wait.awaited), int(wait.moment or 0))
+    kind, name = of_handler_wait(run, wait).kind, wait.name or run.name(wait.awaited)
+    return WaitFor(kind, wait.awaited, name, int(wait.moment or 0))
 
 
 def _wait(at: RunAt, wait: HandlerWait) -> Sentence:
-    run, goes_on = at.run, wait.goes_on(at.moment)
-    what = in_words(wait_for(at, of_handler_wait(run, wait)) if goes_on else _plain(run, wait))
-    ending, query = "", None if wait.moment else run.messages.get(wait.awaited)
+    run = at.run
+    what = _plain(run, wait)
+    if wait.goes_on(at.moment):
+        what = wait_for(at, of_handler_wait(run, wait))
+    sentence = _lasting(wait.start, wait.until, f"its handler waits {in_words(what)}")
     if circle := run.deadlock(wait):
-        ending = f", and is refused: {circle}"
-    elif query is not None and wait.end is not None and query.was_given_up:
+        took = sentence.seconds if wait.end != wait.start else None
+        return sentence._replace(seconds=took, ending=f", and is refused: {circle}")
+    query = None if wait.moment else run.messages.get(wait.awaited)
+    if query is None or wait.end is None:
+        return sentence
+    ending = ""
+    if query.was_given_up:
         asked = of_query(RunAt(run, nextafter(wait.end, 0.0)), query)
         ending = f", and gives up: {whereabouts(asked) if asked.because else 'no answer came'}"
-    elif query is not None and wait.end is not None and (failure := _failure_told(query, wait.end)):
+    elif failure := _failure_told(query, wait.end):
         ending = f", which fails: {failure}"
-    sentence = _lasting(wait.start, wait.until, f"its handler waits {what}", ending)
-    return sentence._replace(seconds=None) if circle and wait.end == wait.start else sentence
+    return sentence._replace(ending=ending)
 
 
 def _failure_told(query: Message, moment: float) -> str:
     """With what a query had failed, in a line; "" if it had not. Of a question to many single failures say nothing."""
-    return first_line(query.was("failure", moment)) if query.message_class.asks_one else ""
+    if not query.message_class.asks_one:
+        return ""
+    return first_line(query.was("failure", moment))
 
 
-def _questions(at: RunAt, handling: Handling) -> Iterator[Sentence]:
+def _questions(at: RunAt, handling: Handling) -> Sentences:
     """The queries for whose replies it did not wait, or later."""
     first = {wait.awaited: wait for wait in reversed(handling.waits)}
     later: list[_Asked] = []
@@ -355,20 +397,30 @@ def _questions(at: RunAt, handling: Handling) -> Iterator[Sentence]:
         fetched = first.get(query.id)
         if fetched is not None and fetched.start <= max(at.moment, query.received):
             if fetched.start > query.received:
-                later.append(_Asked(WaitFor(WaitKind.REPLY, query.id, str(query)), query.received, fetched.start))
+                what = WaitFor(WaitKind.REPLY, query.id, str(query))
+                later.append(_Asked(what, query.received, fetched.start))
             continue
         end = query.answered
         if end is None:
             end = query.written("dropped") if query.dropped else inf
+        text, ending = f"its handler asked {query}, and goes on", ""
         now = of_query(at, query)
-        where = f"; {whereabouts(now)}" if query.received <= at.moment < end and now.because else ""
-        how = f"; it fails: {failure}" if end < inf and (failure := _failure_told(query, end)) else ""
-        yield _lasting(query.received, end, f"its handler asked {query}, and goes on{where}", how)
-    yield from _together(later, lambda some: f"its handler asked {listed([one.name for one in some])}, and goes on")
+        if query.received <= at.moment < end and now.because:
+            text += f"; {whereabouts(now)}"
+        if end < inf and (failure := _failure_told(query, end)):
+            ending = f"; it fails: {failure}"
+        yield _lasting(query.received, end, text, ending)
+    for some in _together(later):
+        names = listed([one.what.name for one in some])
+        yield _in_all(some, f"its handler asked {names}, and goes on")
 
 
-def _together(asked: list[_Asked], say: Callable[[list[WaitFor]], str]) -> Iterator[Sentence]:
-    """One after the other; of many that had begun before one of them was over, one sentence."""
+def _in_all(some: list[_Asked], text: str) -> Sentence:
+    return _lasting(some[0].start, max(one.end for one in some), text)
+
+
+def _together(asked: list[_Asked]) -> Iterator[list[_Asked]]:
+    """One after the other; many that had begun before one of them was over are told together."""
     groups, end = list[list[_Asked]](), -inf
     for one in asked:
         if one.start >= end:
@@ -377,40 +429,45 @@ def _together(asked: list[_Asked], say: Callable[[list[WaitFor]], str]) -> Itera
         groups[-1].append(one)
         end = min(end, one.end)
     for group in groups:
-        for some in [group] if len(group) > _MANY else [[one] for one in group]:
-            yield _lasting(some[0].start, max(one.end for one in some), say([one.what for one in some]))
+        yield from [group] if len(group) > _MANY else [[one] for one in group]
 
 
 # --- states ----------------------------------------------------------------------------------------------------------
 
 
-def _states(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
+def _states(run: Run, task: Task, moment: float) -> Sentences:
     """The states that nothing else tells of, with what ended them or keeps them up."""
-    waits, at, before = told_waits(run, task, together=True), RunAt(run, moment), TaskState.HELD
-    for start, end, state in task.spans():
-        before, last = state, before
+    waits, at = told_waits(run, task, together=True), RunAt(run, moment)
+    starts = [one.start for one in waits]
+    state = TaskState.HELD
+    for start, end, following in task.spans():
+        before, state = state, following
         if end - start < NO_TIME:
             continue
         if state in OVER:
-            went_on = state is TaskState.FAILED and task.killed is None and task.written("failure", start) < start
-            if last is TaskState.ENDING or went_on:
+            went_on = state is TaskState.FAILED and task.killed is None
+            if before is TaskState.ENDING or (went_on and task.written("failure", start) < start):
                 yield Sentence(start, "has ended")
             elif state not in _IS_TOLD:
                 yield Sentence(start, str(state))
-        elif state not in _IS_TOLD:
-            kept = waits[bisect_left(waits, start, key=_START) : bisect_left(waits, end, key=_START)]
-            if state is TaskState.PLANNING and any(isinstance(one.record, Handling) for one in kept):
-                kept = []
-            yield from _in_state(at, task, state, kept) if kept else [_lasting(start, end, str(state))]
+            continue
+        if state in _IS_TOLD:
+            continue
+        kept = waits[bisect_left(starts, start) : bisect_left(starts, end)]
+        is_at_work = any(isinstance(one.record, Handling) for one in kept)
+        if not kept or (state is TaskState.PLANNING and is_at_work):
+            yield _lasting(start, end, str(state))
+        else:
+            yield from _in_state(at, task, state, kept)
 
 
-def _in_state(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Iterator[Sentence]:
+def _in_state(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sentences:
     """The waits of a task in a state; many waits that ended before it came to that state are told together."""
     watched = [one for one in waits if one.kind is WaitKind.CONDITION]
     yield from (_lasting(one.start, one.end, WATCHING) for one in watched)
     groups: dict[object, list[Wait]] = {}
     for wait in waits:
-        if wait.kind is not WaitKind.CONDITION and not any(one.start <= wait.start < one.end for one in watched):
+        if not any(one.start <= wait.start < one.end for one in watched):
             groups.setdefault((wait.kind, wait.on.moment, wait.start), []).append(wait)
     for group in groups.values():
         is_told_at_once = len(group) > NAMED or group[0].kind is WaitKind.SUBTASK
@@ -421,21 +478,23 @@ def _in_state(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Ite
 def _of_group(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sentence:
     ends = [end for one in waits for end in (one.end, *one.others)]
     start, end = waits[0].start, max(ends)
-    is_in_whatever_way = state is TaskState.ENDING or task.is_retried
-    what = several_in_words(told(RunAt(at.run, start), waits, however=is_in_whatever_way))
-    left = sum(one > at.moment for one in ends) if start <= at.moment < end else len(ends)
-    more = f", {left} of them still to come" if left < len(ends) else ""
-    return _lasting(start, end, f"{state}, {what}{more}", _in_vain(at.run, task, waits, end))
+    however = state is TaskState.ENDING or task.is_retried
+    text = f"{state}, {several_in_words(told(RunAt(at.run, start), waits, however=however))}"
+    left = sum(one > at.moment for one in ends)
+    if start <= at.moment < end and left < len(ends):
+        text += f", {left} of them still to come"
+    return _lasting(start, end, text, _in_vain(at.run, task, waits, end))
 
 
 def _in_vain(run: Run, task: Task, waits: list[Wait], end: float) -> str:
     """Which of what it waited for failed or was killed instead: whatever is reaches all moments at once."""
     if end == inf or (task.killed is not None and task.written("killed") <= end):
         return ""
-    awaited = [(run.tasks.get(one.on.number), one.end) for one in waits if one.kind is WaitKind.CONSTRAINT]
-    bad = [
-        str(one)
-        for one, over in awaited
-        if one and one.stage(-1) in ((over, TaskState.FAILED), (over, TaskState.KILLED))
-    ]
+    bad = []
+    for wait in waits:
+        one = run.tasks.get(wait.on.number)
+        if wait.kind is WaitKind.CONSTRAINT and one is not None:
+            time, state = one.stage(-1)
+            if time == wait.end and state in _BAD:
+                bad.append(str(one))
     return f", but {listed(bad)} came to nothing" if bad else ""

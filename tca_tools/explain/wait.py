@@ -8,6 +8,8 @@ from tca_tools.journal.whole_run import Run
 from tca_wire.points import END_HANDLING
 from tca_wire.waits import WaitKind
 
+_LEAVES = (WaitKind.HANDLER, WaitKind.DELAY, WaitKind.CONDITION, WaitKind.RUNNING, WaitKind.PRESENCE)
+
 
 class Node(NamedTuple):
     """Something that has to come about."""
@@ -42,6 +44,17 @@ class Wait(NamedTuple):
     def seconds(self) -> float:
         """How long it took; infinite, if it goes on."""
         return self.end - self.start
+
+    @property
+    def is_leaf(self) -> bool:
+        """Whether nothing else has to come about first."""
+        is_own = isinstance(self.record, Suspension) and self.record.cause == self.record.task
+        return self.kind in _LEAVES or is_own or (self.kind is WaitKind.CHANGE and not self.on.number)
+
+
+def lasting(record: Queueing | Handling | HandlerWait | Suspension, kind: WaitKind, on: Node, holds: int) -> Wait:
+    """A wait that lasts as long as its record."""
+    return Wait(record.start, record.until, kind, on, holds, record, record.start)
 
 
 def has_come(run: Run, wait: HandlerWait) -> bool:

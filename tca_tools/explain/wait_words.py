@@ -7,20 +7,32 @@ clauses of what a task waits for now, ``in_the_end`` is what they lead to, ``com
 from collections.abc import Iterable
 from typing import NamedTuple
 
-import msgspec
+from msgspec.structs import replace
 
-from tca_tools.explain.ends import MOST, End, Ends
+from tca_tools.explain.ends import End, Ends
+from tca_tools.explain.graph import keepers_of, next_node, steps, waits_now
 from tca_tools.explain.keepers import Keepers, kept_out
 from tca_tools.explain.wait import Wait
-from tca_tools.explain.waits import NAMED, keepers_of, next_node, steps, waits_now
 from tca_tools.journal.at_time import RunAt, TaskAt
-from tca_tools.journal.records import OVER, Claim, EventAhead, HandlerWait, Hold, Message, Queueing, TaskState
+from tca_tools.journal.records import (
+    OVER,
+    Claim,
+    EventAhead,
+    HandlerWait,
+    Handling,
+    Hold,
+    Message,
+    Queueing,
+    Suspension,
+    TaskState,
+)
 from tca_wire.points import ROOT, describe_moments
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import counted, duration, listed, run_time
 from tca_wire.text.waits_in_words import clauses, not_answered, reached, suspended_by
 from tca_wire.vocabulary import Scope
-from tca_wire.waits import WaitFor, WaitKind
+from tca_wire.waits import NAMED, WaitFor, WaitKind, first_ones
+from tca_wire.waits.ends import MOST
 
 
 class Age(NamedTuple):
@@ -41,44 +53,42 @@ def told(at: RunAt, waits: Iterable[Wait], *, however: bool = False) -> list[Wai
     """
     groups: dict[object, list[Wait]] = {}
     for wait in waits:
-        delay = wait.record.constraint.delay if isinstance(wait.record, Hold) else 0.0
-        is_alone = delay or wait.kind in _ALONE
-        groups.setdefault(id(wait) if is_alone else (wait.kind, wait.on.moment), []).append(wait)
+        is_delayed = isinstance(wait.record, Hold) and wait.record.constraint.delay
+        is_alone = is_delayed or wait.kind in _ALONE
+        key = id(wait) if is_alone else (wait.kind, wait.on.moment)
+        groups.setdefault(key, []).append(wait)
     found = []
     for group in groups.values():
         number = sum(1 + len(wait.others) for wait in group)
-        found += _some([wait_for(at, wait, however=however) for wait in group[:NAMED]], number)
+        first = [wait_for(at, wait, however=however) for wait in group[:NAMED]]
+        found += first_ones(first, number)
     return found
 
 
-_ALONE = (WaitKind.RESOURCE, WaitKind.LOCK, WaitKind.REPLY, WaitKind.DELAY, WaitKind.LISTENER)
+_ALONE = {WaitKind.RESOURCE, WaitKind.LOCK, WaitKind.REPLY, WaitKind.DELAY, WaitKind.LISTENER}
 """Each is told with what keeps it up."""
-
-
-def _some(waits: list[WaitFor], number: int) -> list[WaitFor]:
-    """The first of so many; the last of them says how many more there are."""
-    more = number - len(waits)
-    return [*waits[:-1], msgspec.structs.replace(waits[-1], more=more)] if more > 0 else waits
 
 
 def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
     """One wait with names, and with what keeps a resource or a query busy at that moment."""
     number, kind, record = wait.on.number, wait.kind, wait.record
-    query = at.run.messages.get(number) if kind is WaitKind.REPLY else None
     if isinstance(record, Queueing):
         return of_queueing(at, record, keepers_of(at, wait))
     if isinstance(record, Hold):
         return _of_constraint(at, kind, record)
-    if query is not None:
-        return of_query(at, query)
+    if kind is WaitKind.REPLY and number in at.run.messages:
+        return of_query(at, at.run.messages[number])
     if kind is WaitKind.LOCK:
         return of_claim(at, at.run.claims[number], keepers_of(at, wait))
     if kind is WaitKind.CONDITION:
         return _of_condition(at, number)
-    is_own_handler = kind is WaitKind.RUNNING and wait.holds
     moment = 0 if however and kind is WaitKind.SUBTASK else wait.on.moment
-    name = (isinstance(record, HandlerWait) and record.name) or at.run.name(number)
-    return WaitFor(kind) if is_own_handler else WaitFor(kind, number, name, moment)
+    name = record.name if isinstance(record, HandlerWait) else ""
+    if kind is WaitKind.RUNNING and wait.holds:  # its own handler
+        number, name, moment = 0, "", 0
+    elif not name:
+        name = at.run.name(number)
+    return WaitFor(kind, number, name, moment)
 
 
 def _of_constraint(at: RunAt, kind: WaitKind, hold: Hold) -> WaitFor:
@@ -86,41 +96,44 @@ def _of_constraint(at: RunAt, kind: WaitKind, hold: Hold) -> WaitFor:
     if kind is WaitKind.DELAY:
         met = 0.0 if before.task == ROOT else at.reached_at(before) or hold.added
         return WaitFor(kind, seconds=met + delay)
-    module = hold.tap.by if hold.tap else ""
-    name = at.run.name(before.task)
-    return WaitFor(kind, before.task, name, int(before.moment), module=module, seconds=delay or None)
+    by, name = hold.tap.by if hold.tap else "", at.run.name(before.task)
+    return WaitFor(kind, before.task, name, int(before.moment), by, seconds=delay or None)
 
 
 def _of_condition(at: RunAt, monitor: int) -> WaitFor:
-    tests = [holds for time, holds in at.run.tests.get(monitor, ()) if time <= at.moment]
-    asked, task = at.run.conditions.get(monitor), at.run.tasks[monitor]
+    run, last = at.run, None
+    for time, holds in run.tests.get(monitor, ()):
+        last = holds if time <= at.moment else last
+    asked, task = run.conditions.get(monitor), run.tasks[monitor]
     asking = asked if asked and asked.received <= at.moment else task
     name = asking.name if task.message_class.has_condition else ""
-    return WaitFor(WaitKind.CONDITION, name=name, holds=tests[-1] if tests else None)
+    return WaitFor(WaitKind.CONDITION, name=name, holds=last)
 
 
 def of_query(at: RunAt, query: Message) -> WaitFor:
     """A query that is waited for, with where it is; of one to many how many have answered, and where the others are."""
-    answered, where = 0, list[WaitFor]()
-    if query.answered is None or query.answered > at.moment:
-        if query.message_class.asks_many:
-            runs, queueings = at.copies_of(query)
-            answered = sum(run.until <= at.moment for run in query.handlings)
-        else:
-            run, queueing = at.handling_of(query), at.queueing_of(query)
-            queueings, runs = [queueing] if queueing else [], [run] if run and not queueing else []
-        where = [WaitFor(WaitKind.RUNNING, module=run.module, resource=run.resource) for run in runs]
-        for one in queueings:
-            by = kept_out(at, one.module, one.resource, query) if one.module else Keepers()
-            where.append(of_queueing(at, one, by))
-    return WaitFor(WaitKind.REPLY, query.id, query.name, answered=answered, because=tuple(where))
+    reply = WaitFor(WaitKind.REPLY, query.id, query.name)
+    if query.answered is not None and query.answered <= at.moment:
+        return reply
+    answered = 0
+    if query.message_class.asks_many:
+        runs, queueings = at.copies_of(query)
+        answered = sum(run.until <= at.moment for run in query.handlings)
+    else:
+        run, queueing = at.handling_of(query), at.queueing_of(query)
+        queueings = [queueing] if queueing else []
+        runs = [run] if run and not queueing else []
+    where = [WaitFor(WaitKind.RUNNING, module=run.module, resource=run.resource) for run in runs]
+    for one in queueings:
+        by = kept_out(at, one.module, one.resource, query) if one.module else Keepers()
+        where.append(of_queueing(at, one, by))
+    return replace(reply, answered=answered, because=tuple(where))
 
 
 def of_claim(at: RunAt, claim: Claim, by: Keepers) -> WaitFor:
     """A lock or reservation that is waited for."""
-    what = "reservation" if claim.is_reserved else "lock"
     because = _because(at, by)
-    return WaitFor(WaitKind.LOCK, claim.id, what, module=claim.module, resource=claim.resource, because=because)
+    return WaitFor(WaitKind.LOCK, claim.id, _called(claim), 0, claim.module, claim.resource, because=because)
 
 
 def of_queueing(at: RunAt, queueing: Queueing, by: Keepers) -> WaitFor:
@@ -134,19 +147,29 @@ def of_queueing(at: RunAt, queueing: Queueing, by: Keepers) -> WaitFor:
 
 
 def _because(at: RunAt, by: Keepers) -> tuple[WaitFor, ...]:
-    found = [WaitFor(WaitKind.RUNNING, run.message_id, at.run.name(run.message_id)) for run in by.runs[:NAMED]]
-    return (*_some(found, len(by.runs)), *([_keeper(at, by.claim)] if by.claim else []))
+    running = [_of_message(at, WaitKind.RUNNING, run) for run in by.runs[:NAMED]]
+    found = first_ones(running, len(by.runs))
+    if by.claim is not None:
+        found.append(_keeper(at, by.claim))
+    return tuple(found)
+
+
+def _of_message(at: RunAt, kind: WaitKind, run: Handling) -> WaitFor:
+    return WaitFor(kind, run.message_id, at.run.name(run.message_id))
 
 
 def _keeper(at: RunAt, claim: Claim) -> WaitFor:
     """The holder of a claim on a resource, or the first in line for it; and its message."""
     kind = WaitKind.LOCKED if at.is_granted(claim) else WaitKind.LOCK
-    what = "reservation" if claim.is_reserved else "lock"
     whose: tuple[WaitFor, ...] = ()
     if claim.by is not None:
         how = WaitKind.RUNNING if claim.by.until > at.moment else WaitKind.TASK
-        whose = (WaitFor(how, claim.by.message_id, at.run.name(claim.by.message_id)),)
-    return WaitFor(kind, claim.id, what, module=claim.sender, resource=claim.resource, because=whose)
+        whose = (_of_message(at, how, claim.by),)
+    return WaitFor(kind, claim.id, _called(claim), 0, claim.sender, claim.resource, because=whose)
+
+
+def _called(claim: Claim) -> str:
+    return "reservation" if claim.is_reserved else "lock"
 
 
 # --- current waits ---------------------------------------------------------------------------------------------------
@@ -183,18 +206,26 @@ def how(task: TaskAt, verb: str = "waits") -> str:
     if task.watches and task.state is not TaskState.ENDING:
         return "watches"
     if is_told_with_state(task) and task.suspension:
-        return f"{suspended_by(task.suspension.by, since_birth=task.suspension.since_birth)},"
+        return f"{suspended(task.suspension)},"
     return verb
+
+
+def suspended(one: Suspension) -> str:
+    """``suspended by panel``."""
+    return suspended_by(one.by, since_birth=one.since_birth)
 
 
 def is_told_with_state(task: TaskAt) -> bool:
     """Whether it is suspended, and known by whom: that is told with what it waits for."""
-    return task.state is TaskState.SUSPENDED and bool(task.suspension and by_whom(task.suspension.by))
+    suspension = task.suspension if task.state is TaskState.SUSPENDED else None
+    return suspension is not None and bool(by_whom(suspension.by))
 
 
 def age_of(waits: list[Wait]) -> Age | None:
     """Since when a task waits for all of these, and since when it waits in all."""
-    return Age(max(one.start for one in waits), min(one.since for one in waits)) if waits else None
+    if not waits:
+        return None
+    return Age(max(one.start for one in waits), min(one.since for one in waits))
 
 
 # --- in the end ------------------------------------------------------------------------------------------------------
@@ -213,12 +244,12 @@ class Last(NamedTuple):
     """How many others there are."""
 
     def __str__(self) -> str:
-        return ", and ".join(filter(None, [f"for {self.thing}, which {self.which}", self.others]))
+        return self._and_others(f"for {self.thing}, which {self.which}")
 
     @property
     def brief(self) -> str:
         """Without why."""
-        return ", and ".join(filter(None, [f"for {self.thing}", self.others]))
+        return self._and_others(f"for {self.thing}")
 
     @property
     def behind(self) -> str:
@@ -228,18 +259,21 @@ class Last(NamedTuple):
     @property
     def others(self) -> str:
         """``for 2 others``; "" if there are none."""
-        return (
-            f"for {MOST} or more others"
-            if self.more >= MOST
-            else f"for {counted(self.more, 'other')}" * bool(self.more)
-        )
+        if self.more >= MOST:
+            return f"for {MOST} or more others"
+        return f"for {counted(self.more, 'other')}" if self.more else ""
+
+    def _and_others(self, first: str) -> str:
+        return f"{first}, and {self.others}" if self.more else first
 
 
 def in_the_end(at: RunAt, task: TaskAt, within: int | None = None) -> Last | None:
     """The end of a task's waits; None if it waits for nothing else, if ``reasons`` say as much, or if it is not found
     *within* so many waits.
     """
-    ends = () if task.state in OVER else Ends.at(at).of(task.id, within)
+    if task.state in OVER:
+        return None
+    ends = Ends.at(at).of(task.id, within)
     if ends and ends[0].kind is not WaitKind.CIRCLE:
         ends = tuple(end for end in ends if end.number != task.id)
     if not ends or _is_said(at, task, ends):
@@ -250,50 +284,59 @@ def in_the_end(at: RunAt, task: TaskAt, within: int | None = None) -> Last | Non
 def _is_said(at: RunAt, task: TaskAt, ends: tuple[End, ...]) -> bool:
     """Whether each is what it waits for next, and no more is to be said of it than is said there."""
     nexts, _ = steps(at, next_node(at, task.id))
-    for claim in [at.run.claims[one.number] for one in nexts if one.number in at.run.claims]:
-        if at.is_granted(claim) or claim.by is task.handling:  # who has it is told, or what keeps the task from it
-            nexts = nexts + steps(at, next_node(at, claim.id))[0]
-    next_ones = {one.number for one in nexts}
-    return next_ones >= {end.number for end in ends} and all(_is_plain(at, task, end) for end in ends)
+    said = {one.number for one in nexts}
+    for number in said & at.run.claims.keys():
+        claim = at.run.claims[number]
+        # who has it is told, or what keeps the task from it
+        if at.is_granted(claim) or claim.by is task.handling:
+            said |= {one.number for one in steps(at, next_node(at, number))[0]}
+    return all(end.number in said and _is_plain(at, task, end) for end in ends)
 
 
 def _is_plain(at: RunAt, task: TaskAt, end: End) -> bool:
     """Whether there is nothing to say of it but its name."""
     if end.kind is WaitKind.RESUME:
         return task.state is TaskState.SUSPENDED
-    return end.kind in (None, WaitKind.RUNNING, WaitKind.LOCKED) or end.number not in at.tasks
+    is_plain = end.kind in (None, WaitKind.RUNNING, WaitKind.LOCKED)
+    return is_plain or end.number not in at.tasks
 
 
 def last_of(at: RunAt, end: End, more: int = 0) -> Last:
     """One end in words, and how many more there are."""
     claim, query = at.run.claims.get(end.number), at.run.messages.get(end.number)
-    thing = f"the {claim}" if claim else at.describe(end.number)
+    thing, which = at.describe(end.number), ""
     run = at.handling_of(query) if query and end.kind is WaitKind.RUNNING else None
     if query and query.message_class.asks_many and end.kind is not WaitKind.CIRCLE:
         asked_of = of_query(at, query)
-        which = that = not_answered(asked_of) if asked_of.because else "has not been answered"
-    elif claim or run or end.kind is WaitKind.HANDLER:
-        which = f"{place(run.module, run.resource)} handles" if run else "no module handles"
-        which = f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}" if claim else which
-        that = f"{which} that"
-    else:
-        which = _why_last(at, end)
-        that = f"that {which}"
-    return Last(thing, end.number, which, that, more)
+        which = not_answered(asked_of) if asked_of.because else "has not been answered"
+        return Last(thing, end.number, which, which, more)
+    if claim:
+        thing = f"the {claim}"
+        which = f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}"
+    elif run:
+        which = f"{place(run.module, run.resource)} handles"
+    elif end.kind is WaitKind.HANDLER:
+        which = "no module handles"
+    if which:
+        return Last(thing, end.number, which, f"{which} that", more)
+    which = _why_last(at, end)
+    return Last(thing, end.number, which, f"that {which}", more)
 
 
 def _why_last(at: RunAt, end: End) -> str:
     task = at.tasks.get(end.number)
     if end.kind is WaitKind.CIRCLE:
-        others = [at.describe(one) for one in Ends.at(at).circle(end.number) if one != end.number]
-        return f"waits for itself by way of {listed(others)}"
+        others = (one for one in Ends.at(at).members(end) if one != end.number)
+        return f"waits for itself by way of {listed([*map(at.describe, others)])}"
     if task is None:
         return "has not been answered"
     if end.kind is WaitKind.RESUME and task.suspension:
-        return f"is {suspended_by(task.suspension.by, since_birth=task.suspension.since_birth)}"
-    found = reasons(at, task)
+        return f"is {suspended(task.suspension)}"
+    found: list[str] = []
     if end.kind is WaitKind.DELAY:
-        found = clauses(told(at, [one for one in waits_now(at, task.id) if one.kind is WaitKind.DELAY])) or found
+        delays = [one for one in waits_now(at, task.id) if one.kind is WaitKind.DELAY]
+        found = clauses(told(at, delays))
+    found = found or reasons(at, task)
     return f"{how(task)} {', and '.join(found)}" if found else f"is {task.standing}"
 
 
@@ -302,21 +345,22 @@ def _why_last(at: RunAt, end: End) -> str:
 
 def coming(at: RunAt, task: TaskAt) -> list[str]:
     """The events set for a task at a time or after a point: ``deadline: end achieving by 9.500 s``."""
-    return [said for one in task.ahead if (said := of_ahead(at, task, one))]
+    return list(filter(None, (of_ahead(at, task, one) for one in task.ahead)))
 
 
 def of_ahead(at: RunAt, task: TaskAt, ahead: EventAhead) -> str:
     """One of them; "" if it is not to come any more."""
+    after, due = ahead.after, ahead.set_at + ahead.seconds
     if ahead.moment is not None:
-        due = ahead.set_at + ahead.seconds
-        is_to_come = ahead.moment not in task.reached and due > at.time
-        return f"deadline: {describe_moments(ahead.moment)[0]} by {run_time(due)}" if is_to_come else ""
+        if ahead.moment in task.reached or due <= at.time:
+            return ""
+        return f"deadline: {describe_moments(ahead.moment)[0]} by {run_time(due)}"
     who = f"{_SCOPES[ahead.scope]} to be killed{by_whom(ahead.by)}"
-    if ahead.after is not None and not at.has_reached(ahead.after):
-        later = f"{duration(ahead.seconds)} after" if ahead.seconds else "when"
-        return f"{who} {later} {at.describe(ahead.after.task)} {reached(ahead.after.moment)}"
-    since = max(ahead.set_at, (at.reached_at(ahead.after) or ahead.set_at) if ahead.after else ahead.set_at)
-    due = since + ahead.seconds
+    if after is not None:
+        if not at.has_reached(after):
+            later = f"{duration(ahead.seconds)} after" if ahead.seconds else "when"
+            return f"{who} {later} {at.describe(after.task)} {reached(after.moment)}"
+        due = max(due, (at.reached_at(after) or 0.0) + ahead.seconds)
     return f"{who} at {run_time(due)}" if due > at.time else ""
 
 

@@ -5,7 +5,6 @@ from math import nextafter
 
 from tca_tools.explain.ends import Ends
 from tca_tools.explain.wait_words import age_of, how, in_the_end, shown, told_now
-from tca_tools.explain.waits import NAMED
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.records import Failure, Message
 from tca_tools.journal.whole_run import Run
@@ -14,7 +13,7 @@ from tca_wire.points import TaskId
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import duration
 from tca_wire.text.waits_in_words import several_in_words
-from tca_wire.waits import WaitKind
+from tca_wire.waits import NAMED, WaitKind
 
 _FAR = 500
 """Waits: what a task that ran out of time waited for beyond so many is not looked for."""

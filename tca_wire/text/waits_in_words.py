@@ -28,7 +28,7 @@ def in_words(wait: WaitFor, now: float | None = None) -> str:
     """One wait: ``until move leg {4} is achieved``. With *now* a delay is told as how long it still takes,
     and of a suspension how long it has lasted.
     """
-    return _clause([wait], now)
+    return _WORDS[wait.kind](_Alike([wait], now))
 
 
 def several_in_words(waits: Iterable[WaitFor], now: float | None = None) -> str:
@@ -41,8 +41,9 @@ def clauses(waits: Iterable[WaitFor], now: float | None = None) -> list[str]:
     groups: dict[object, list[WaitFor]] = {}
     for wait in dict.fromkeys(waits):
         is_plain = wait.kind in _TOGETHER and not wait.because
-        groups.setdefault((wait.kind, wait.moment, wait.seconds) if is_plain else wait, []).append(wait)
-    return [_clause(group, now) for group in groups.values()]
+        key = (wait.kind, wait.moment, wait.seconds) if is_plain else wait
+        groups.setdefault(key, []).append(wait)
+    return [_WORDS[group[0].kind](_Alike(group, now)) for group in groups.values()]
 
 
 def waiter_in_words(waiter: Waiter) -> str:
@@ -50,20 +51,24 @@ def waiter_in_words(waiter: Waiter) -> str:
     if not waiter.number:
         return f"module {waiter.module}"
     where = f" in {waiter.module}" if waiter.module else ""
-    return f"{numbered(waiter.name, waiter.number)}{where}" + (f" and {waiter.more:,} more" if waiter.more else "")
+    more = f" and {waiter.more:,} more" if waiter.more else ""
+    return f"{numbered(waiter.name, waiter.number)}{where}{more}"
 
 
-def whereabouts(query: WaitFor) -> str:
-    """The place of a query without an answer: ``no module handles it``, ``it is queued for arm``."""
+def whereabouts(query: WaitFor, *, is_clause: bool = False) -> str:
+    """The place of a query without an answer: ``no module handles it``, ``it is queued for arm``; or the modules that
+    have not answered. As a clause: ``which no module handles``.
+    """
+    which, it = ("which ", "") if is_clause else ("", " it")
     if len(query.because) > 1 or query.answered:
-        return not_answered(query)
+        return which + not_answered(query)
     where = query.because[0]
     if where.kind is WaitKind.HANDLER:
-        return "no module handles it"
+        return f"{which}no module handles{it}"
     if where.kind is WaitKind.RESOURCE:
-        return f"it is queued {_resource([where])}"
+        return f"{which or 'it '}is queued {in_words(where)}"
     waits = f" and waits {several_in_words(where.because)}" if where.because else ""
-    return f"{place(where.module, where.resource)} handles it{waits}"
+    return f"{which}{place(where.module, where.resource)} handles{it}{waits}"
 
 
 def causes_in_words(causes: Iterable[tuple[WaitFor, float]]) -> str:
@@ -76,12 +81,17 @@ def causes_in_words(causes: Iterable[tuple[WaitFor, float]]) -> str:
     if len(lengths) == 1:
         return in_words(next(iter(lengths)))
     longest = sorted(lengths, key=lambda wait: -lengths[wait])[:_CAUSES]
-    named = [wait for wait in lengths if wait in longest]
-    told = [f"{in_words(named[0])} ({duration(lengths[named[0]])})"]
-    for wait in named[1:]:  # words shared with the first are not repeated
-        is_same = wait.kind in (WaitKind.RESOURCE, WaitKind.LOCK) and wait.because and named[0].kind is wait.kind
-        told.append(f"{_keepers(wait.because) if is_same else in_words(wait)} ({duration(lengths[wait])})")
-    if more := [seconds for wait, seconds in lengths.items() if wait not in longest]:
+    first = next(wait for wait in lengths if wait in longest)
+    told, more = list[str](), list[float]()
+    for wait, seconds in lengths.items():
+        if wait not in longest:
+            more.append(seconds)
+            continue
+        text = in_words(wait)
+        if wait is not first and wait.because and wait.kind is first.kind in _KEPT:
+            text = _keepers(wait.because)  # words shared with the first are not repeated
+        told.append(f"{text} ({duration(seconds)})")
+    if more:
         told.append(f"and {len(more):,} more ({duration(sum(more))})")
     return "; ".join(told)
 
@@ -97,48 +107,61 @@ def suspended_by(module: str, *, since_birth: bool) -> str:
     return f"suspended{' since its birth' * since_birth}{by_whom(module)}"
 
 
-def _clause(waits: Waits, now: float | None) -> str:
-    if waits[0].kind is WaitKind.DELAY:
-        return _delay(waits[0].seconds, now)
-    if waits[0].kind is WaitKind.RESUME:
-        return _resume(waits[0], now)
-    return _WORDS[waits[0].kind](waits)
+class _Alike:
+    """Waits of one kind and moment, told in one clause."""
+
+    def __init__(self, waits: Waits, now: float | None = None) -> None:
+        more = sum(one.more for one in waits)
+        self.first, self.now, self.number = waits[0], now, len(waits) + more
+        self.messages = listed([one.name for one in waits], more)
+        self.names = listed([numbered(one.name, one.number) for one in waits], more)
+
+    @property
+    def place(self) -> str:
+        """The resource."""
+        return place(self.first.module, self.first.resource)
+
+    @property
+    def reached(self) -> str:
+        """``is achieved``, ``have been handled``."""
+        return reached(self.first.moment, self.number)
 
 
-def _names(waits: Waits) -> str:
-    return listed([numbered(one.name, one.number) for one in waits], sum(one.more for one in waits))
-
-
-def _number(waits: Waits) -> int:
-    return len(waits) + sum(one.more for one in waits)
-
-
-def _delay(end: float | None, now: float | None) -> str:
+def _delay(waits: _Alike) -> str:
+    end = waits.first.seconds
     if end is None:
         return "until a delay is over"
-    return f"until {run_time(end)}" if now is None else f"for another {duration(max(end - now, 0.0))}"
+    if waits.now is None:
+        return f"until {run_time(end)}"
+    return f"for another {duration(max(end - waits.now, 0.0))}"
 
 
-def _point(waits: Waits) -> str:
-    after = f"{duration(waits[0].seconds)} after " if waits[0].seconds else ""
-    return f"until {after}{_names(waits)} {reached(waits[0].moment, _number(waits))}"
+def _point(waits: _Alike) -> str:
+    delay = waits.first.seconds
+    after = f"{duration(delay)} after " if delay else ""
+    return f"until {after}{waits.names} {waits.reached}"
 
 
-def _handler(waits: Waits) -> str:
-    names = listed([one.name for one in waits], sum(one.more for one in waits))
-    return f"for a module that handles {names}" if _number(waits) == 1 else f"for modules that handle {names}"
+def _handler(waits: _Alike) -> str:
+    if waits.number == 1:
+        return f"for a module that handles {waits.messages}"
+    return f"for modules that handle {waits.messages}"
 
 
-def _resource(waits: Waits) -> str:
-    wait = waits[0]
-    others = f" (or {wait.more} more)" if wait.more else ""
-    return f"for {place(wait.module, wait.resource)}{others}{_kept(wait.because)}"
+def _reply(waits: _Alike) -> str:
+    what = "reply" if waits.number == 1 else "replies"
+    where = f", {whereabouts(waits.first, is_clause=True)}" if waits.first.because else ""
+    return f"for the {what} to {waits.names}{where}"
 
 
-def _lock(waits: Waits) -> str:
-    wait = waits[0]
-    of = numbered(f"{wait.name or 'lock'} of {place(wait.module, wait.resource)}", wait.number)
-    return f"for the {of}{_kept(wait.because)}"
+def _resource(waits: _Alike) -> str:
+    others = f" (or {waits.first.more} more)" if waits.first.more else ""
+    return f"for {waits.place}{others}{_kept(waits.first.because)}"
+
+
+def _lock(waits: _Alike) -> str:
+    of = numbered(f"{waits.first.name or 'lock'} of {waits.place}", waits.first.number)
+    return f"for the {of}{_kept(waits.first.because)}"
 
 
 def _kept(because: Waits) -> str:
@@ -148,8 +171,9 @@ def _kept(because: Waits) -> str:
 
 def _keepers(because: Waits) -> str:
     running = [one for one in because if one.kind is WaitKind.RUNNING]
-    parts = [f"busy with {_names(running)}"] if running else []
-    parts += [f"which {_keeper(one, is_first=not running)}" for one in because if one.kind is not WaitKind.RUNNING]
+    others = [one for one in because if one.kind is not WaitKind.RUNNING]
+    parts = [f"busy with {_Alike(running).names}"] if running else []
+    parts += [f"which {_keeper(one, is_first=not running)}" for one in others]
     return ", and ".join(parts)
 
 
@@ -167,88 +191,78 @@ def _keeper(wait: WaitFor, *, is_first: bool) -> str:
     return f"{wait.module} waits to {verb}{'' if is_first else ' first'}{whose}"
 
 
-def _whereabouts(query: WaitFor) -> str:
-    """The place of a query, ``, which no module handles``, or the missing answers to a multi-query."""
-    if not query.because:
-        return ""
-    if len(query.because) > 1 or query.answered:
-        return f", which {not_answered(query)}"
-    where = query.because[0]
-    if where.kind is WaitKind.HANDLER:
-        return ", which no module handles"
-    if where.kind is WaitKind.RESOURCE:
-        return f", which is queued {_resource([where])}"
-    return f", which {whereabouts(query).replace(' handles it', ' handles', 1)}"
-
-
 def not_answered(query: WaitFor) -> str:
     """A multi-query's wait: ``arm and legs (queued, busy with walk {3}) have not answered (1 of 3 has)``."""
-    number = len(query.because)
-    told = f" ({query.answered} of {query.answered + number} {_has(query.answered)})" if query.answered else ""
+    number, answered = len(query.because), query.answered
+    told = f" ({answered} of {answered + number} {_has(answered)})" if answered else ""
     return f"{listed([_who(one) for one in query.because])} {_has(number)} not answered{told}"
 
 
 def _who(where: WaitFor) -> str:
-    at = place(where.module, where.resource)
-    return f"{at} (queued{_kept(where.because)})" if where.kind is WaitKind.RESOURCE else at
+    queued = f" (queued{_kept(where.because)})" if where.kind is WaitKind.RESOURCE else ""
+    return place(where.module, where.resource) + queued
 
 
 def _has(number: int) -> str:
     return "has" if number == 1 else "have"
 
 
-def _resume(wait: WaitFor, now: float | None) -> str:
-    ago = f" {duration(max(now - wait.seconds, 0.0))} ago" if now is not None and wait.seconds is not None else ""
-    by = f"{suspended_by(wait.module, since_birth=wait.since_birth)}{ago}" if by_whom(wait.module) or ago else ""
+def _resume(waits: _Alike) -> str:
+    wait, now, ago = waits.first, waits.now, ""
+    if now is not None and wait.seconds is not None:
+        ago = f" {duration(max(now - wait.seconds, 0.0))} ago"
+    by = suspended_by(wait.module, since_birth=wait.since_birth) + ago
+    is_known = bool(by_whom(wait.module) or ago)
     if not wait.number:
-        return f"until it is resumed ({by})" if by else "until it is resumed"
-    return f"until {numbered(wait.name, wait.number)}{by and f', {by},'} is resumed"
+        return f"until it is resumed{f' ({by})' * is_known}"
+    return f"until {waits.names}{f', {by},' * is_known} is resumed"
 
 
-def _condition(waits: Waits) -> str:
-    wait = waits[0]
-    if not wait.name:
+def _condition(waits: _Alike) -> str:
+    if not waits.first.name:
         return "until it is fired"
-    last = {None: "has not been tested", False: "did not hold", True: "held"}[wait.holds]
-    return f"for its condition {_names(waits)}, which {last}"
+    last = {None: "has not been tested", False: "did not hold", True: "held"}
+    return f"for its condition {waits.names}, which {last[waits.first.holds]}"
 
 
-def _running(waits: Waits) -> str:
-    number = _number(waits)
-    whose = f"the handler{'s' * (number > 1)} of {_names(waits)}" if waits[0].number else "its handler"
-    whose += f" in {place(waits[0].module, waits[0].resource)}" if waits[0].module and number == 1 else ""
-    on = f", which waits {several_in_words(waits[0].because)}" if waits[0].because else ""
+def _running(waits: _Alike) -> str:
+    first, number = waits.first, waits.number
+    whose = f"the handler{'s' * (number > 1)} of {waits.names}" if first.number else "its handler"
+    if first.module and number == 1:
+        whose += f" in {waits.place}"
+    on = f", which waits {several_in_words(first.because)}" if first.because else ""
     return f"until {whose} return{'s' * (number == 1)}{on}"
 
 
+_KEPT = (WaitKind.RESOURCE, WaitKind.LOCK)
 _TOGETHER = frozenset((
     WaitKind.CONSTRAINT, WaitKind.SUBTASK, WaitKind.TASK, WaitKind.HANDLER, WaitKind.PRESENCE, WaitKind.REPLY,
     WaitKind.RUNNING, WaitKind.CHANGE,
 ))  # fmt: skip
 """Kinds of which several are told in one clause."""
 
-_WORDS: dict[WaitKind, Callable[[Waits], str]] = {
+_WORDS: dict[WaitKind, Callable[[_Alike], str]] = {
     WaitKind.CONSTRAINT: _point,
-    WaitKind.PARENT: lambda waits: f"until its parent {_names(waits)} {reached(waits[0].moment)}",
-    WaitKind.LISTENER: lambda waits: (
-        f"until {_names(waits)}, the listener of a wiretap{by_whom(waits[0].module)}, {reached(waits[0].moment)}"
-    ),
     WaitKind.SUBTASK: _point,
+    WaitKind.TASK: _point,
+    WaitKind.PARENT: lambda waits: f"until its parent {waits.names} {waits.reached}",
+    WaitKind.LISTENER: lambda waits: (
+        f"until {waits.names}, the listener of a wiretap{by_whom(waits.first.module)}, {waits.reached}"
+    ),
+    WaitKind.DELAY: _delay,
     WaitKind.RESOURCE: _resource,
     WaitKind.HANDLER: _handler,
-    WaitKind.REPLY: lambda waits: (
-        f"for the {'reply' if _number(waits) == 1 else 'replies'} to {_names(waits)}{_whereabouts(waits[0])}"
-    ),
-    WaitKind.TASK: _point,
-    WaitKind.LOCK: _lock,
-    WaitKind.RECOVERY: lambda waits: (
-        f"until {_names(waits) if waits[0].number else 'somebody'} has dealt with its failure"
-    ),
-    WaitKind.CHANGE: lambda waits: f"for a change of {_names(waits)}",
     WaitKind.PRESENCE: _handler,
+    WaitKind.REPLY: _reply,
+    WaitKind.LOCK: _lock,
+    WaitKind.RESUME: _resume,
+    WaitKind.RECOVERY: lambda waits: (
+        f"until {waits.names if waits.first.number else 'somebody'} has dealt with its failure"
+    ),
+    WaitKind.CHANGE: lambda waits: f"for a change of {waits.names}",
     WaitKind.CONDITION: _condition,
     WaitKind.RUNNING: _running,
-    WaitKind.LOCKED: lambda waits: f"until {waits[0].module} releases {waits[0].resource}",
-    WaitKind.CIRCLE: lambda waits: f"for itself, by way of {_names(waits)}",
+    WaitKind.LOCKED: lambda waits: f"until {waits.first.module} releases {waits.first.resource}",
+    WaitKind.CIRCLE: lambda waits: f"for itself, by way of {waits.names}",
 }
-"""One row per kind that needs no clock."""
+"""The words of each kind."""

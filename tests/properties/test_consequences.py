@@ -17,7 +17,7 @@ from tca_central.core import Central
 from tca_central.events import Effect
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.resources import Claim as Wanted
-from tca_tools.explain.ends import MOST, End, Ends
+from tca_tools.explain.ends import End, Ends
 from tca_tools.explain.wait import Node
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fold import History
@@ -28,6 +28,7 @@ from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitKind
+from tca_wire.waits.ends import MOST
 
 numbers = st.integers(0, 50)
 steps = st.lists(

@@ -18,7 +18,8 @@ from tca_central.events import ConnectionId
 from tca_central.model.deliveries import Delivery
 from tca_module.session.request import Request
 from tca_module.session.session import Session
-from tca_tools.explain.waits import keeping, next_node, waits_of
+from tca_tools.explain.graph import keeping, next_node
+from tca_tools.explain.waits import waits_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fold import History
 from tca_tools.view.feed import Feed

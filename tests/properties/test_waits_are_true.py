@@ -16,14 +16,15 @@ from properties.test_deadlocks import steps as blocking_steps
 from tca_central.core import Central
 from tca_central.model.task_tree import Task
 from tca_central.needs.graph import needs
-from tca_central.needs.waits import NAMED, next_of
 from tca_central.needs.waits import Ends as CentralEnds
+from tca_central.needs.waits import next_of
 from tca_central.needs.waits import waits_of as told_by_central
 from tca_central.order.cycles import Place
 from tca_tools.explain.ends import Ends
+from tca_tools.explain.graph import keeping, next_node, steps
 from tca_tools.explain.wait import Node
 from tca_tools.explain.wait_words import reasons
-from tca_tools.explain.waits import keeping, next_node, steps, waits_of
+from tca_tools.explain.waits import waits_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fold import History
 from tca_wire.constraints import Flags
@@ -32,7 +33,7 @@ from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
 from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, MOMENTS, ROOT, Moment, TaskId
 from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.vocabulary import Condition, MessageClass
-from tca_wire.waits import WaitKind
+from tca_wire.waits import NAMED, WaitKind
 
 ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
 """Of moments that begin something the tools name the one of the constraint, central the one at which that is decided."""

@@ -12,7 +12,7 @@ from tools.story import QUERY, THIS, Story, delayed, stuck
 
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.long_waits import long_waits as waits
-from tca_tools.explain.ends import MOST, Ends, causes
+from tca_tools.explain.ends import Ends, causes
 from tca_tools.explain.story import story
 from tca_tools.explain.wait_words import Age, Last, in_the_end, last_of, reasons
 from tca_tools.journal.at_time import RunAt, TaskAt
@@ -30,6 +30,7 @@ from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Scope
 from tca_wire.waits import WaitKind
+from tca_wire.waits.ends import MOST
 
 
 def noted(history: History, task: int, time: float | None = None) -> str:
@@ -321,7 +322,7 @@ def test_a_circle_is_told_as_one() -> None:
     at = RunAt(story.fold())
     assert _end(at, at.tasks[after]) == "for walk {1}, which waits for itself by way of look {2}"
     assert _end(at, at.tasks[look]) == "for walk {1}, which waits for itself by way of look {2}"
-    assert Ends.at(at).circle(1) == [1, 2]
+    assert Ends.at(at).members(Ends.at(at).of(walk)[0]) == [walk, look]
     assert causes(at)[:2] == (3, 1)
 
 

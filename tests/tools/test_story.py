@@ -5,9 +5,10 @@ from pathlib import Path
 from click.testing import CliRunner
 from tools.story import ACTING, COMMAND, QUERY, THIS, Story, mopping, ordered, resumed_alone, stumbling
 
+from tca_tools.explain.graph import waits_now
 from tca_tools.explain.story import story
 from tca_tools.explain.wait_words import reasons
-from tca_tools.explain.waits import told_waits, waits_now
+from tca_tools.explain.waits import told_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fold import History
 from tca_tools.journal.selection import messages_of

@@ -4,9 +4,14 @@ Central (for `tca status` and the texts of errors) and the tools (for all that e
 The words stand in text/waits_in_words.py.
 """
 
+from collections.abc import Sequence
 from enum import StrEnum
 
 import msgspec
+from msgspec.structs import replace
+
+NAMED = 3
+"""Waits of one kind that are told one by one."""
 
 
 class WaitKind(StrEnum):
@@ -94,3 +99,11 @@ class CommonEnd(msgspec.Struct, frozen=True, omit_defaults=True):
 
     tasks: int
     wait: WaitFor
+
+
+def first_ones(waits: Sequence[WaitFor], number: int) -> list[WaitFor]:
+    """The first of a *number* of alike waits. The last of them says how many more there are."""
+    named = list(waits[:NAMED])
+    if more := number - len(named):
+        named[-1] = replace(named[-1], more=named[-1].more + more)
+    return named

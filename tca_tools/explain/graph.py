@@ -1,0 +1,319 @@
+"""The graph of waits at a moment: what keeps a task from one of its moments, and what that waits for.
+
+- ``keeping(at, node)``: what keeps a task from one of its moments, or a message from its answer. What is planned ahead
+  is kept from being planned by one thing and from being achieved by another: each wait says which moments it ``holds``.
+- ``further(at, wait)``: the nodes that have to come about first; ``steps(at, node)`` does both (ends.py walks on them).
+- ``waits_now(at, number)``: what people are told of a message.
+
+A wait in a queue (RESOURCE) or for a lock (LOCK) leads to what keeps the resource busy (keepers.py).
+"""
+
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from math import inf
+from operator import itemgetter
+from typing import NamedTuple
+
+from tca_tools.explain.keepers import Keepers, ahead_of_claim, kept_out, kept_since
+from tca_tools.explain.moments import is_to_be_handled_again, moments_before, next_moment
+from tca_tools.explain.overlapping import children_within
+from tca_tools.explain.wait import Node, Wait, lasting, node_of
+from tca_tools.explain.waits import OF_ORDER, begun_at, is_of_state, kept_by, of_handler_wait, of_message, own_waits
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fates import watches
+from tca_tools.journal.records import (
+    OVER,
+    Claim,
+    HandlerWait,
+    Handling,
+    Hold,
+    Message,
+    Queueing,
+    Task,
+    TaskState,
+    going_on,
+    lately,
+)
+from tca_tools.journal.whole_run import Run
+from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_HANDLING
+from tca_wire.waits import NAMED, WaitKind
+
+_OF_POINTS = OF_ORDER | {WaitKind.RECOVERY, WaitKind.LOCK, WaitKind.RESUME}
+_KEPT = (WaitKind.RESOURCE, WaitKind.LOCK)
+"""Waits for a resource that others keep busy."""
+
+_SINCE = itemgetter(0)
+
+
+# --- what keeps a node from coming about -----------------------------------------------------------------------------
+
+
+class _Kept(NamedTuple):
+    """The waits and nodes that keep a node from coming about."""
+
+    waits: list[Wait]
+    """Those for what is no subtask."""
+    subtasks: list[Node]
+    nodes: list[Node]
+    """Nodes that surely have to come about first."""
+    leaves: list[WaitKind]
+    others: list[Wait]
+    """Waits whose further nodes are to be looked up at each moment."""
+
+
+_NOTHING = _Kept([], [], [], [], [])
+
+
+class _Turn(NamedTuple):
+    """A message between two of its turns, when nothing changes that it waits for. So walks through all that waits cost
+    what has changed.
+    """
+
+    number: float
+    """See ``Run.turn``."""
+    next: Node
+    """The node that comes next."""
+    waits: list[Wait]
+    """The waits for it, except for children."""
+    kept: dict[Node, _Kept]
+
+
+def _turn(run: Run, message: Message, time: float) -> _Turn:
+    number = run.turn(message.id, time)
+    known: _Turn | None = run.memo.get(message.id)
+    if known is None or known.number != number:
+        waits, following = list(of_message(run, message, time)), Node(message.id)
+        if isinstance(message, Task):
+            own = own_waits(run, message, time, time)
+            waits[:0] = (one for one in own if one.start <= time < one.end)
+            following = _next(message, time)
+        known = run.memo[message.id] = _Turn(number, following, waits, {})
+    return known
+
+
+def next_node(at: RunAt, number: int) -> Node:
+    """The next node of a task, message or claim."""
+    task = at.run.tasks.get(number)
+    if task is None or task.received > at.moment:
+        return Node(number)
+    return _turn(at.run, task, at.moment).next
+
+
+def _next(task: Task, time: float) -> Node:
+    state = task.state_at(time)
+    runs = bool(going_on(task.handlings, time)) or watches(task, state, time)
+    if runs and state is not TaskState.ENDING and task.time_of(END_HANDLING) > time:
+        return Node(task.id, END_HANDLING)
+    return Node(task.id, next_moment(task, state, time))
+
+
+def keeping(at: RunAt, node: Node) -> list[Wait]:
+    """The waits that keep a task from a moment, or a message from being answered."""
+    kept = _kept(at, node)
+    return kept.waits + [_subtask(at.run, one) for one in kept.subtasks]
+
+
+def _subtask(run: Run, node: Node, others: Sequence[float] = ()) -> Wait:
+    child, moment = run.tasks[node.number], node.moment
+    end = min(child.time_of(moment), run.tasks[child.parent].time_of(moment))
+    return Wait(child.received, end, WaitKind.SUBTASK, node, moment, others=others)
+
+
+def _kept(at: RunAt, node: Node) -> _Kept:
+    """What keeps a node from coming about; nothing of a claim, and of what is unknown."""
+    run, moment = at.run, at.moment
+    message = run.messages.get(node.number)
+    if message is None or message.received > moment:
+        return _NOTHING
+    turn = _turn(run, message, moment)
+    if (kept := turn.kept.get(node)) is None:
+        waits, subtasks = _look(run, message, node, turn.waits, moment)
+        nodes: dict[Node, None] = {}
+        leaves: dict[WaitKind, None] = {}
+        others: list[Wait] = []
+        for wait in waits:
+            if wait.is_leaf:
+                leaves[wait.kind] = None
+            elif wait.kind in _OF_POINTS:
+                nodes[wait.on] = None
+            else:
+                others.append(wait)
+        nodes.update(dict.fromkeys(subtasks))
+        kept = _Kept(waits, subtasks, list(nodes), list(leaves), others)
+        turn.kept[node] = kept
+    return kept
+
+
+def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float) -> tuple[list[Wait], list[Node]]:
+    """Those of the waits that keep it from a node, and the subtasks that do."""
+    if not isinstance(message, Task):
+        return [one for one in waits if node.delivery in (0, _delivery(one))], []
+    if not node.moment:
+        return [one for one in waits if one.kind is WaitKind.RESUME], []
+    wanted = moments_before(message, node.moment, time)
+    found = [one for one in waits if one.holds & wanted or (wanted and _resumes(message, one, time))]
+    # what is achieved is planned
+    last = wanted & END_ACHIEVING or wanted & END_PLANNING
+    if not last:
+        return found, []
+    named = {one.on for one in found if one.kind in (WaitKind.SUBTASK, WaitKind.RECOVERY)}
+    under = kept_by(run, children_within(run, message, last, time, time), last, time)
+    open_ones = (one for one in under if one.received <= time < one.time_of(last))
+    subtasks = (Node(one.id, last) for one in open_ones)
+    return found, [one for one in subtasks if one not in named]
+
+
+def _resumes(task: Task, wait: Wait, time: float) -> bool:
+    """Whether it is for a task to be resumed that, as was decided meanwhile, is to be handled once more."""
+    begun = wait.kind is WaitKind.RESUME and task.time_of(START_HANDLING) <= time
+    return begun and is_to_be_handled_again(task, time)
+
+
+def _delivery(wait: Wait) -> int:
+    """Which delivery a run of a handler, or a wait of one, is."""
+    run = wait.record.by if isinstance(wait.record, HandlerWait) else wait.record
+    return run.delivery if isinstance(run, Handling) else 0
+
+
+def further(at: RunAt, wait: Wait) -> list[Node]:
+    """The nodes that must come about before a wait is over; empty for a leaf, or if they are not known."""
+    number = wait.on.number
+    if wait.is_leaf:
+        return []
+    if wait.kind is WaitKind.RESOURCE:
+        return _nodes(at, keepers_of(at, wait))
+    if wait.kind is WaitKind.TASK:
+        task = at.run.tasks.get(number)
+        is_to_come = task is not None and task.time_of(wait.on.moment) > at.moment
+    elif wait.kind is WaitKind.CHANGE:
+        is_to_come = number in at.tasks and at.tasks[number].state not in OVER
+    elif wait.kind is WaitKind.REPLY:
+        query = at.run.messages.get(number)
+        is_to_come = query is not None and query.received <= at.moment
+    else:
+        return [wait.on]
+    on = wait.on if wait.kind is WaitKind.TASK else next_node(at, number)
+    return [on] if is_to_come else []
+
+
+def keepers_of(at: RunAt, wait: Wait) -> Keepers:
+    """The keepers of a resource from a queued message (RESOURCE) or a lock (LOCK)."""
+    queueing, claim = wait.record, at.run.claims.get(wait.on.number)
+    if isinstance(queueing, Queueing):
+        message = at.run.messages.get(queueing.message_id)
+        if message is not None:
+            return kept_out(at, queueing.module, queueing.resource, message)
+    elif claim is not None and not at.is_granted(claim):
+        return ahead_of_claim(at, claim)
+    return Keepers()
+
+
+def _nodes(at: RunAt, by: Keepers) -> list[Node]:
+    """A lock; or the runs of which the first that returns makes room: those that wait for nothing, if there are any."""
+    if by.claim is not None:
+        return [Node(by.claim.id)]
+    free = [one for one in by.runs if not lately(one.waits, at.moment)]
+    return [node_of(at.run, one) for one in free or by.runs]
+
+
+def steps(at: RunAt, node: Node) -> tuple[list[Node], list[WaitKind]]:
+    """All that has to come about before a node does; and the kinds of its waits that are leaves."""
+    kept = _kept(at, node)
+    if kept is _NOTHING and (claim := at.run.claims.get(node.number)) is not None:
+        return _of_claim(at, claim)
+    if not kept.others:
+        return kept.nodes, kept.leaves
+    more = [node for wait in kept.others for node in further(at, wait)]
+    return list(dict.fromkeys(kept.nodes + more)), kept.leaves
+
+
+def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
+    """A lock that is wanted waits for all that is ahead of it. One in force waits for the handler, or else the task,
+    for which it was wanted; of a retried one until that is handled again. Outside of handlers it waits for what its
+    module waits for there.
+    """
+    if not at.is_granted(claim):
+        by = ahead_of_claim(at, claim)
+        nodes = [node_of(at.run, one) for one in by.runs]
+        return nodes + [Node(one.id) for one in (by.claim,) if one is not None], []
+    if claim.by is None:
+        sender = at.run.modules.get(claim.sender)
+        nodes = []
+        for wait in lately(sender.waits, at.moment) if sender else ():
+            nodes += further(at, of_handler_wait(at.run, wait))
+        return nodes, [] if nodes else [WaitKind.LOCKED]
+    task = at.tasks.get(claim.by.message_id)
+    if claim.by.until > at.moment:
+        return [node_of(at.run, claim.by)], []
+    if task is not None and task.state not in OVER:
+        return [Node(task.id, END_HANDLING if task.is_retried else END_ACHIEVING)], []
+    return [], []
+
+
+def held_above(at: RunAt, number: int) -> Iterator[tuple[int, Hold]]:
+    """The constraints of tasks above that keep a task from what it comes to next, each with whose it is."""
+    way = [next_node(at, number)]
+    for node in way:  # grows while it is walked
+        for wait in _kept(at, node).waits:
+            if isinstance(wait.record, Hold) and node is not way[0]:
+                yield node.number, wait.record
+            way += [wait.on] * (wait.kind is WaitKind.PARENT)
+
+
+# --- as people are told ----------------------------------------------------------------------------------------------
+
+
+def waits_now(at: RunAt, number: int) -> list[Wait]:
+    """The waits of a message now. *start* is since when this is its cause: of a queued one, since when the same keeps
+    the resource busy. The newest of many subtasks stands for all but the first ones.
+    """
+    kept = _kept(at, next_node(at, number))
+    waits = list(kept.waits)
+    waits += (_subtask(at.run, one) for one in kept.subtasks[:-1][:NAMED])
+    if kept.subtasks:
+        left = max(len(kept.subtasks) - NAMED - 1, 0)
+        waits.append(_subtask(at.run, kept.subtasks[-1], (inf,) * left))
+    task = at.run.tasks.get(number)
+    if task is None:
+        return [_told(at, wait) for wait in waits]
+    place = task.place_at(at.moment)
+    since, state = task.stage(place)
+    if state is TaskState.SUSPENDED:
+        waits = [*_still_running(at, task), *waits]
+    told = []
+    for wait in waits:
+        if is_of_state(wait, state):
+            start = max(wait.start, since)
+            in_all = min(begun_at(task, place), start)
+            told.append(wait._replace(start=start, since=in_all))
+        else:
+            told.append(_told(at, wait))
+    return told
+
+
+def _told(at: RunAt, wait: Wait) -> Wait:
+    """A wait since its cause is the cause."""
+    start = wait.start
+    if wait.kind in _KEPT:
+        kept = kept_since(at, keepers_of(at, wait), start)
+        return wait._replace(start=kept, since=start)
+    if wait.kind is WaitKind.CONDITION:
+        start = max(start, _last_outcome(at, wait.on.number))
+    return wait._replace(start=start, since=start)
+
+
+def _last_outcome(at: RunAt, monitor: int) -> float:
+    """Since when the condition of a monitor has held, or has not: the first of the tests in a row that found it so."""
+    tests = at.run.tests.get(monitor, [])
+    place = bisect_right(tests, at.moment, key=_SINCE)
+    while place > 1 and tests[place - 2][1] == tests[place - 1][1]:
+        place -= 1
+    return tests[place - 1][0] if place > 1 else -inf  # before the first one nothing else was known
+
+
+def _still_running(at: RunAt, task: Task) -> Iterator[Wait]:
+    """The handlers under a suspended task that still work."""
+    now = at.tasks[task.id]
+    for run in at.ran_on(now):
+        wait = lasting(run, WaitKind.RUNNING, node_of(at.run, run), 0)
+        yield wait._replace(start=max(now.since, run.start))

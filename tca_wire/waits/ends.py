@@ -1,0 +1,103 @@
+"""The ends of waits: from wait to wait until something waits for nothing else.
+
+Central's state and a run at a moment each offer their waits as a graph. Each node is looked at once, however many wait
+for it, and nothing recurses.
+"""
+
+from collections.abc import Iterator, Sequence
+from heapq import merge
+from itertools import groupby, islice
+from typing import Any, Generic, Protocol, TypeVar
+
+MOST = 100
+"""Ends of one node that are told apart."""
+
+NodeT = TypeVar("NodeT")
+EndT_co = TypeVar("EndT_co", covariant=True)
+
+
+class TooFarError(Exception):
+    """A graph may not be followed any further. What was found before remains known."""
+
+
+class WaitGraph(Protocol[NodeT, EndT_co]):
+    """Something that has waits."""
+
+    def steps(self, node: NodeT) -> tuple[Sequence[NodeT], Sequence[EndT_co]]:
+        """The nodes that come before a node; and its own ends, by which it waits for nothing else."""
+
+    def circle(self, nodes: list[NodeT]) -> EndT_co:
+        """The end of nodes that wait for each other, and for nothing else."""
+
+
+class Ends(Generic[NodeT, EndT_co]):
+    """The ends of all waits of a graph, as far as they have been asked for."""
+
+    def __init__(self, graph: WaitGraph[NodeT, EndT_co]) -> None:
+        self._graph = graph
+        self.known: dict[NodeT, tuple[EndT_co, ...]] = {}
+        self.circles: dict[EndT_co, list[NodeT]] = {}
+        """The nodes of each circle that was found."""
+
+    def of(self, node: NodeT) -> tuple[EndT_co, ...]:
+        """The sorted ends of a node: the first ``MOST``, and one more if there are more."""
+        known, start = self.known, node
+        if (ends := known.get(start)) is not None:
+            return ends
+        chain: dict[NodeT, None] = {}
+        while node not in known:  # a long chain needs no search
+            nexts, own = self._graph.steps(node)
+            if node in chain or len(nexts) + len(own) != 1:
+                self._find(node)
+            elif own:
+                known[node] = (own[0],)
+            else:
+                chain[node] = None
+                node = nexts[0]
+        known.update(dict.fromkeys(chain, known[node]))
+        return known[start]
+
+    def _find(self, start: NodeT) -> None:
+        """Go depth first to where something waits for nothing else; what waits for each other is found together
+        (Tarjan's algorithm, without recursion).
+        """
+        known, order, lowest = self.known, dict[NodeT, int](), dict[NodeT, int]()
+        undecided: dict[NodeT, tuple[Sequence[NodeT], Sequence[EndT_co]]] = {}
+        way: list[tuple[NodeT, Sequence[NodeT], Iterator[NodeT]]] = [(start, (), iter([start]))]
+        while way:
+            node, nexts, rest = way[-1]
+            for new in rest:
+                if new in order or new in known:
+                    continue
+                order[new] = lowest[new] = len(order)
+                further, own = self._graph.steps(new)
+                if len(further) == 1 and not own and further[0] in known:
+                    known[new] = known[further[0]]
+                    continue
+                undecided[new] = further, own
+                way.append((new, further, iter(further)))
+                break
+            else:
+                way.pop()
+                lowest[node] = min([lowest[node], *(lowest[one] for one in nexts if one not in known)])
+                if lowest[node] == order[node] and node in undecided:
+                    self._settle(undecided, node)
+
+    def _settle(self, undecided: dict[NodeT, tuple[Sequence[NodeT], Sequence[EndT_co]]], first: NodeT) -> None:
+        """Give each circle of waits, or single node, the ends of all that it waits for elsewhere, and its own."""
+        group = dict([undecided.popitem()])
+        while first not in group:
+            group.update([undecided.popitem()])
+        own: set[Any] = {end for _, ends in group.values() for end in ends}
+        beyond = (self.known[to] for nexts, _ in group.values() for to in nexts if to in self.known)
+        several: list[Any] = [*{id(ends): ends for ends in beyond}.values()]
+        if own:
+            several.append(tuple(sorted(own)))
+        if not several:
+            end = self._graph.circle([*group])
+            self.circles[end] = [*group]
+            several = [(end,)]
+        ends = several[0]
+        if len(several) > 1:
+            ends = tuple(islice((end for end, _ in groupby(merge(*several))), MOST + 1))
+        self.known.update(dict.fromkeys(group, ends))
