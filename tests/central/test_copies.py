@@ -1,20 +1,13 @@
 """A program that runs in several copies: a lock or reservation is for all of them."""
 
-import pytest
 from central.player import Player
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tools.runs import OPENED, checked
 
 from tca_wire.constraints import Flags
-from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.packets.parts import HandlerFormat
-
-
-@pytest.fixture
-def robot() -> Player:
-    return Player.of("legs: command move", "user", "other")
 
 
 def join(player: Player, connection: str, *, pool: str = "") -> None:
@@ -35,61 +28,6 @@ def lock(player: Player, connection: str, *, reserve: bool = False) -> int:
 
 def is_granted(player: Player, connection: str, number: int) -> bool:
     return any(isinstance(one, headers.Answer) and one.number == number for one, _ in player.inbox[connection])
-
-
-def test_a_copy_that_comes_is_locked_too(robot: Player) -> None:
-    mine = lock(robot, "user")
-    assert is_granted(robot, "user", mine)
-    robot.task("user", "move")
-    join(robot, "new")
-    assert not robot.delivered("legs/1") + robot.delivered("new/1")
-    robot.receive("user", headers.Release(robot.number("user"), mine))
-    assert robot.delivered("new/1") == [2]
-
-
-def test_all_copies_are_waited_for(robot: Player) -> None:
-    first = robot.task("user", "move")
-    join(robot, "new")
-    second = robot.task("user", "move", flags=Flags.NONE)
-    assert (robot.delivered("legs/1"), robot.delivered("new/1")) == ([first], [second])
-    mine = lock(robot, "user")
-    robot.task("user", "move", flags=Flags.NONE)
-    robot.reply("new/1")
-    assert not is_granted(robot, "user", mine), "the older copy still moves"
-    assert not robot.delivered("new/1"), "who wants a lock goes before what comes later"
-    robot.reply("legs/1")
-    assert is_granted(robot, "user", mine)
-
-
-def test_a_lock_outlives_the_copy_that_it_was_asked_of(robot: Player) -> None:
-    join(robot, "new")
-    mine = lock(robot, "user")
-    waits = lock(robot, "other")
-    robot.lose("new/1")
-    robot.lose("new")
-    robot.task("user", "move")
-    assert not robot.delivered("legs/1")
-    robot.receive("user", headers.Release(robot.number("user"), mine))
-    assert is_granted(robot, "other", waits)
-    assert not robot.facts(facts.RequestRefused)
-
-
-def test_with_the_last_copy_it_is_lost(robot: Player) -> None:
-    join(robot, "new")
-    lock(robot, "user")
-    for gone in ("legs/1", "legs", "new/1", "new"):
-        robot.lose(gone)
-    assert [fact.why for fact in robot.facts(facts.ClaimEnded)] == ["module 'legs#2' has gone: its connection closed"]
-
-
-def test_a_lock_gets_in_when_the_message_before_it_is_given_up(robot: Player) -> None:
-    robot.module("map", "query where", capacity=0)
-    robot.send("user", "where")
-    number = robot.number("other")
-    robot.receive("other", headers.Lock(number, "map"))
-    assert not is_granted(robot, "other", number)
-    robot.receive("user", headers.GiveUp(robot.numbers["user"]))
-    assert is_granted(robot, "other", number)
 
 
 CLIENTS = ("one", "two", "three")

@@ -1,17 +1,29 @@
 """What a client may not say, and what becomes of it: names that steer a terminal, numbers out of this world, long texts."""
 
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
 import pytest
 from central.player import ANY, Player, point
 
-from tca_central.events import ConnectionId
+from tca_central.events import (
+    Arrived,
+    ConnectionId,
+    DiskSpace,
+    Input,
+    LimitsSet,
+    RequestReceived,
+    Restarted,
+    Tick,
+)
+from tca_central.inputs import events_of
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Dropped, Failed, LostDirectly
 from tca_wire.packets import headers
 from tca_wire.packets.changes import Observe
-from tca_wire.packets.headers import Accepted, Refused
+from tca_wire.packets.codec import pack_item
+from tca_wire.packets.headers import Accepted, Ask, Refused
 from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat
 from tca_wire.packets.routes import Entrance, Loss, Note, Noted
 from tca_wire.points import Moment, TaskId
@@ -145,3 +157,23 @@ def test_a_request_that_waits_needs_a_number(header: Any) -> None:
         (answer,) = player.receive("user", header)
         assert answer.refusal is Refusal.PROTOCOL
     assert not player.central.registry.connections[ConnectionId(b"user")].outstanding
+
+
+# --- Inputs that no central has written: they are none, or lead to nothing -------------------------------------------
+
+
+@pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0, 1e300])
+@pytest.mark.parametrize(
+    "at", [Tick, lambda it: DiskSpace(it, True), lambda it: LimitsSet(it, 1, 1, 1),
+           lambda it: Restarted(1.0, it, 10.0), lambda it: Restarted(1.0, 0.0, it)],
+    ids=["tick", "disk space", "limits", "away", "grace"],
+)  # fmt: skip
+def test_an_input_with_a_time_that_is_none_is_no_input(at: Callable[[float], Input], seconds: float) -> None:
+    """A monitor that is to test every second would test for ever; a journal with NaN would never equal itself."""
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.msgpack.decode(msgspec.msgpack.encode(at(seconds)), type=Input)
+
+
+def test_a_request_that_is_not_there_is_not_spared() -> None:
+    arrived = Arrived(1.0, ConnectionId(b"user"), pack_item(Ask(1, "status")))
+    assert [type(one) for one in events_of(arrived, spared=7)] == [RequestReceived]

@@ -8,6 +8,7 @@ import pytest
 from central.player import ANY, Player, before, point
 
 from tca_central.control import keeping, steering
+from tca_central.events import DiskSpace
 from tca_central.failing import attaching
 from tca_central.invariants import check_invariants
 from tca_central.locks import claims
@@ -354,3 +355,20 @@ def test_so_much_and_no_more(what: str, monkeypatch: pytest.MonkeyPatch) -> None
     (refused,) = answers
     assert refused.refusal is Refusal.OVERLOAD
     assert why in refused.text
+
+
+# --- While the disk of the journal is nearly full no new task is taken; all else goes on -----------------------------
+
+
+def test_no_task_is_taken_before_there_is_room() -> None:
+    player = Player.of("legs: command move, query where", "user")
+    running = player.task("user", "move")
+    player.event(DiskSpace(player.time, is_low=True))
+    (refused,) = player.send("user", "move")
+    assert refused.text == "the disk of central's journal is nearly full: no command is taken before there is room"
+    player.reply("legs/1", running)
+    player.send("user", "where")
+    assert any(isinstance(one, headers.Deliver) for one, _ in player.inbox["legs/1"])
+    player.reply("legs/1")
+    player.event(DiskSpace(player.time, is_low=False))
+    assert player.task("user", "move")

@@ -11,12 +11,11 @@ from properties.life import Life
 
 from tca_central.events import ConnectionId, TellAll
 from tca_central.model.deliveries import REMEMBERED_TASKS, TOLD_TOGETHER
-from tca_wire.journal import facts
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted, Answer, Await, AwaitPoint, Deliver, Refused, Reply, TasksMade
-from tca_wire.packets.parts import Attachment, WatchOptions
+from tca_wire.packets.headers import Accepted, AwaitPoint, Refused, TasksMade
+from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import THIS, Moment, TaskId
-from tca_wire.vocabulary import Outcome, Refusal
+from tca_wire.vocabulary import Refusal
 
 END, START = Moment.END_ACHIEVING, Moment.START_ACHIEVING
 
@@ -76,23 +75,6 @@ def test_a_task_that_is_named_by_its_request_is_that_task(seed: int) -> None:
     assert naming.player.inbox == plain.player.inbox
 
 
-def test_nothing_is_said_of_a_quiet_task_until_its_sender_is_told_something_else() -> None:
-    player = robot()
-    walk = sent_quietly(player, "user", "walk")
-    end = player.number("user")
-    heard = player.receive("user", AwaitPoint(end, point(-walk, END)))
-    assert heard == []
-    assert player.reply("planner/1") == [TasksMade([(walk, TaskId(1))]), Answer(end)]
-
-
-def test_who_waits_for_an_id_is_told_it_at_once() -> None:
-    player = robot()
-    first, second = (sent_quietly(player, "user", "walk") for _ in range(2))
-    told = TasksMade([(first, TaskId(1)), (second, TaskId(2))])
-    assert player.receive("user", Await(first)) == [told]
-    assert player.receive("user", Await(first)) == []
-
-
 def test_of_many_the_sender_is_told_at_once_and_of_the_rest_with_the_next_beat() -> None:
     player = robot()
     requests = [sent_quietly(player, "user", "walk") for _ in range(TOLD_TOGETHER + 1)]
@@ -108,16 +90,6 @@ def test_a_connection_that_is_gone_is_told_nothing() -> None:
     sent_quietly(player, "user", "walk")
     player.lose("user")
     assert player.central.handle(TellAll(player.time)) == []
-
-
-def test_said_again_after_a_break_it_is_answered_by_itself() -> None:
-    player = robot()
-    walk = sent_quietly(player, "user", "walk")
-    player.lose("user")
-    player.hello("user again", "user", incarnation="run of user")
-    assert player.send("user again", "walk", number=walk) == [Accepted(walk, 1)]
-    assert player.receive("user again", headers.Kill(walk + 1, TaskId(-walk)))[-1] == Accepted(walk + 1, 1)
-    assert len(player.facts(facts.Received)) == 1
 
 
 NAMING: dict[str, Any] = {
@@ -147,14 +119,6 @@ def test_what_names_a_refused_task_is_refused(name: str) -> None:
     assert answer == Refused(number, Refusal.UNKNOWN, text)
 
 
-def test_the_tasks_of_another_connection_are_not_named() -> None:
-    player = robot()
-    walk = sent_quietly(player, "user", "walk")
-    number = player.number("planner")
-    (answer,) = player.receive("planner", headers.Suspend(number, TaskId(-walk)))
-    assert answer.refusal is Refusal.UNKNOWN
-
-
 def test_the_newest_tasks_can_be_named() -> None:
     player = Player.of("legs: command move", "user", check=False)
     oldest, newer, *_ = [sent_quietly(player, "user", "move") for _ in range(REMEMBERED_TASKS + 1)]
@@ -164,54 +128,3 @@ def test_the_newest_tasks_can_be_named() -> None:
 
 
 # --- refusals that a handler may not have heard ----------------------------------------------------------------------
-
-
-def handler_with_a_refused_send(player: Player) -> int:
-    """The task whose handler runs on planner/1."""
-    walk = player.task("user", "walk")
-    circle = (before(point(THIS, END), point(THIS, START)),)
-    answers = player.send("planner/1", "move", under=walk, constraints=circle, quiet=True)
-    assert [type(one) for one in answers] == [Refused]
-    return walk
-
-
-def test_a_handler_that_does_not_know_of_a_refusal_has_failed() -> None:
-    player = robot()
-    walk = handler_with_a_refused_send(player)
-    player.reply("planner/1")
-    (failed,) = player.facts(facts.Failed)
-    assert (failed.id, failed.failure) == (walk, "handler error")
-    assert failed.text.startswith("'move' was refused: constraint end achieving task 2 <= start achieving task 2 can")
-    (returned,) = player.facts(facts.Returned)
-    assert returned.outcome is Outcome.FAILED
-
-
-def test_a_handler_that_knows_of_its_refusals_has_not_failed() -> None:
-    player = robot()
-    walk = handler_with_a_refused_send(player)
-    player.receive("planner/1", Reply(walk, refusals=1), b"\xc0")
-    assert player.facts(facts.Failed) == []
-    assert walk not in player.central.tree.tasks
-
-
-def test_what_was_refused_to_an_earlier_handler_of_the_task_does_not_count() -> None:
-    player = Player.of("planner: goal walk", "legs: command move", "user", "helper: exception handler again")
-    walk = handler_with_a_refused_send(player)
-    player.receive("user", headers.Attach(player.number("user"), Attachment("", "again"), TaskId(walk)))
-    player.fail("planner/1", "stuck")
-    player.receive(
-        "helper/1", headers.Retry(player.number("helper/1"), TaskId(walk), origin=player.delivered("helper/1")[0])
-    )
-    player.reply("helper/1")
-    deliveries = [header for header, _ in player.inbox["planner/1"] if isinstance(header, Deliver)]
-    assert len(deliveries) == 2
-    player.reply("planner/1")
-    assert [fact.failure for fact in player.facts(facts.Failed)] == ["stuck"]
-
-
-def test_a_refusal_that_was_told_at_once_is_the_senders_own_affair() -> None:
-    player = robot()
-    walk = player.task("user", "walk")
-    player.send("planner/1", "no such message", under=walk)
-    player.reply("planner/1")
-    assert player.facts(facts.Failed) == []

@@ -1,6 +1,5 @@
 """Who is told that a message may go directly, and when it must not any more."""
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -8,12 +7,11 @@ from central.player import IN_PYTHON, Player
 
 from tca_central.events import AccessRule, KeysChanged, PermissionsChanged
 from tca_central.outgoing import direct_routes
-from tca_wire.journal.facts import HandledDirectly, LostDirectly
 from tca_wire.packets import headers
 from tca_wire.packets.licences import number_of
 from tca_wire.packets.parts import HandlerFormat
-from tca_wire.packets.routes import Barred, Entrance, EntranceGone, Loss, Note, Noted, Route, WatchEntrance
-from tca_wire.vocabulary import Condition, Outcome, Permission, Refusal
+from tca_wire.packets.routes import Barred, Entrance, EntranceGone, Loss, Note, Noted, Route
+from tca_wire.vocabulary import Condition, Permission, Refusal
 
 
 @pytest.fixture
@@ -41,98 +39,11 @@ def to_words(header: Route | EntranceGone) -> str:
     return f"{header.message} to {[entrance.endpoint.removeprefix('ipc:///') for entrance in header.entrances]}"
 
 
-def test_who_sends_through_central_is_told_once(player: Player) -> None:
-    assert told(player) == ["height to ['map/1']"]
-    player.send("user", "height")
-    player.send("user", "pose")
-    player.send("user", "pose")
-    assert told(player) == ["pose to ['map/1']"]
-
-
-def test_whoever_has_not_sent_it_is_not_told(player: Player) -> None:
-    player.module("other")
-    player.declare("other", "query height")
-    player.module("tapper", "inform heard")
-    tap(player)
-    assert told(player, "other") == []
-
-
 def tap(player: Player) -> int:
     number = player.number("tapper")
     header = headers.Tap(number, Condition.WHEN_SENT, "heard", "height")
     (answer,) = [one for one in player.receive("tapper", header) if isinstance(one, headers.Accepted)]
     return answer.id
-
-
-def test_a_wiretap_takes_the_route_away_as_long_as_it_lasts(player: Player) -> None:
-    player.module("tapper", "inform heard")
-    told(player)
-    one, other = tap(player), tap(player)
-    assert one == other
-    assert told(player) == ["height to []"]
-    player.receive("tapper", headers.Remove(player.number("tapper"), one))
-    assert told(player) == ["height to ['map/1']"]
-
-
-def test_a_newer_handler_takes_over_and_gives_back(player: Player) -> None:
-    told(player)
-    player.module("new map", "query height")
-    assert told(player) == ["height to []"]
-    player.receive("new map", headers.Unregister(player.number("new map"), []))
-    assert told(player) == ["height to ['map/1']"]
-    player.module("third map", "query height", direct=True)
-    assert told(player) == ["height to []", "height to ['third map/1']"]  # it registers before its slot is there
-
-
-def test_handlers_that_share_a_message_need_central() -> None:
-    player = Player()
-    player.module("one", "query height", pool="maps", direct=True)
-    player.module("user")
-    player.send("user", "height")
-    assert told(player) == ["height to ['one/1']"]
-    player.module("two", "query height", pool="maps", direct=True)
-    assert told(player) == ["height to []"]
-    player.receive("two", headers.Unregister(player.number("two"), []))
-    assert told(player) == ["height to ['one/1']"]
-
-
-def test_a_pending_limit_needs_central() -> None:
-    player = Player()
-    player.module("map", "query height", pending=3, direct=True)
-    player.module("user")
-    player.send("user", "height")
-    assert told(player) == []
-
-
-def test_all_slots_of_a_resource_take_part(player: Player) -> None:
-    told(player)
-    player.hello("map/2", "map", "map", direct=True)
-    assert told(player) == ["height to ['map/1', 'map/2']"]
-    player.lose("map/1")
-    assert told(player) == ["height to ['map/2']", "map/1 is lost: module 'map' was lost: its connection closed"]
-    player.hello("map/3", "map", "map")
-    assert told(player) == ["height to []"]  # that one has no entrance, and must not be idle
-
-
-def leaves(player: Player) -> None:
-    player.receive("map", headers.Unregister(player.number("map"), []))
-    player.receive("map/1", headers.Bye())
-    player.receive("map", headers.Bye())
-
-
-def dies(player: Player) -> None:
-    player.lose("map/1")
-    player.lose("map")
-
-
-@pytest.mark.parametrize(("end", "word"), [(leaves, "gone"), (dies, "lost")])
-def test_the_end_of_a_slot_is_told(player: Player, end: Callable[[Player], None], word: str) -> None:
-    told(player)
-    end(player)
-    route, gone = told(player)
-    assert route == "height to []"
-    assert gone.startswith(f"map/1 is {word}: module 'map' was lost: ")
-    assert not player.central.registry.messages["height"].route
 
 
 def test_a_resource_asks_itself_through_central(player: Player) -> None:
@@ -143,34 +54,6 @@ def test_a_resource_asks_itself_through_central(player: Player) -> None:
     player.reply("map/1")
     (delivery,) = player.send("user", "height")
     assert not delivery.own
-
-
-def test_who_comes_back_is_told_anew_and_learns_what_it_missed(player: Player) -> None:
-    told(player)
-    player.hello("user")  # as after a break that central has not noticed
-    player.module("tapper", "inform heard")
-    tapped = tap(player)
-    assert told(player) == []
-    player.receive("tapper", headers.Remove(player.number("tapper"), tapped))
-    player.receive("user", WatchEntrance("ipc:///map/1"))
-    player.receive("user", WatchEntrance("ipc:///elsewhere"))
-    assert told(player) == ["elsewhere is lost: the module was lost meanwhile"]
-    player.send("user", "height")
-    assert told(player) == ["height to ['map/1']"]
-    player.lose("map/1")
-    assert told(player) == ["height to []", "map/1 is lost: module 'map' was lost: its connection closed"]
-
-
-def test_notes_become_facts(player: Player) -> None:
-    note = Note("height", "user", 3, 12, 0.5, 0.25, Outcome.FAILED, "handler error")
-    player.receive("map/1", Noted([note], [Loss("pose", 2), Loss("", 1)]))
-    assert player.entries[-1].facts == [
-        HandledDirectly(
-            "height", "map", "map", "user", 3, 12, player.time - 0.5, 0.25, Outcome.FAILED, "handler error"
-        ),
-        LostDirectly("map", "pose", 2),
-        LostDirectly("map", "", 1),
-    ]
 
 
 @pytest.mark.parametrize(
@@ -207,15 +90,6 @@ def test_nothing_is_left_of_those_who_go(player: Player) -> None:
     (slot,) = message.route
     assert not message.senders_told
     assert not slot.watchers
-
-
-def test_while_a_resource_is_locked_or_wanted_everything_goes_through_central(player: Player) -> None:
-    told(player)
-    number = player.number("user")
-    player.receive("user", headers.Lock(number, "map"))
-    assert told(player) == ["height to []"]
-    player.receive("user", headers.GiveUp(number))
-    assert told(player) == ["height to ['map/1']"]
 
 
 # --- licences --------------------------------------------------------------------------------------------------------

@@ -59,29 +59,3 @@ def test_a_value_of_a_format_that_nobody_knows_any_more_is_forgotten(player: Pla
     assert [fact.why for fact in player.facts(Dropped)] == (
         [] if is_kept else ["its variable was declared anew with another format"]
     )
-
-
-def test_what_is_no_value_is_refused(player: Player) -> None:
-    (answer,) = player.receive("user", headers.SetVariable(player.number("user"), "pose"))
-    assert answer.text == "variable 'pose' can't be set to nothing: give a value"
-    (answer,) = player.receive("user", headers.SetVariable(0, "pose", swap=True), b"\x01")
-    assert answer.text == "an exchange of variable 'pose' needs a request number"
-    (answer,) = player.receive("user", headers.GetVariable(player.number("user"), "depth"))
-    assert answer.text == "nobody has declared variable 'depth': register it first"
-    assert get(player, "user", "pose") == b""
-
-
-def test_an_exchange_that_is_repeated_is_done_once(player: Player) -> None:
-    player.set_variable("user", "pose", 1)
-    player.set_variable("user", "pose", 2, swap=True)
-    again = headers.SetVariable(player.numbers["user"], "pose", swap=True)
-    for _ in range(2):
-        assert player.receive("user", again, b"\x02") == [Answer(again.number)]
-        assert player.inbox["user"][-1][1] == b"\x01"
-    assert get(player, "user", "pose") == b"\x02"
-
-
-def test_a_question_that_is_repeated_has_to_be_asked_anew(player: Player) -> None:
-    get(player, "user", "pose")
-    (answer,) = player.receive("user", headers.GetVariable(player.numbers["user"], "pose"))
-    assert answer.refusal is Refusal.TOO_LATE

@@ -6,26 +6,29 @@
                         [kept] [here]
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
                         [every N] [at first] [duration N] [fire every N] [until POINT] [waited for] (monitors)
-    NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | resolve [ID] | wait POINT [here] | give up | bye
+    NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | resolve [ID] | wait POINT [here] | give up [and ask why] | bye
     NAME: handle MESSAGE no more
     NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | detach ID | raise FAILURE[<KIND...] on TASK
     NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
     NAME: keep TASK | release TASK | inspect RELATION of TASK
     NAME: take TRANSITION of TASK [with VALUE] [having seen SERIAL] [because TEXT]
     NAME: observe [TASK, MESSAGE] [below TASK] [states STATE or ...]
-    NAME: kill [descendants of, siblings of] TASK [in N] [after POINT]
+    NAME: kill [descendants of, siblings of] TASK [in N] [after POINT] [because TEXT]
     NAME: tap CONDITION of TASK or MESSAGE with LISTENER [monitor's options] | fire TASK or MESSAGE [with ACTION] | end monitor TASK
     NAME: lock RESOURCE [of MODULE] | reserve ... [here | for DELIVERY] [within SECONDS] [priority N] | release | unlock RESOURCE
     NAME: declare CLASS MESSAGE of PART, PART ... (monitors)
     NAME: await the last N (what the coroutine that it handles asked last; 0: it goes on)
     NAME: await MESSAGE, ... (to handle MESSAGE then) | set VARIABLE NUMBER | swap VARIABLE NUMBER | get VARIABLE
-    lose NAME | garbage NAME | pass SECONDS | tree | limits LISTENERS DEPTH (in a row, and of tasks)
+    line NAME of MODULE [in RESOURCE] [run INCARNATION] [direct] (a connection more)
+    NAME! HEADER FIELD=JSON ... [with JSON] (any other request) | event EVENT FIELD=JSON ...
+    heard (all that each connection was sent since then) | lose NAME | garbage NAME | pass SECONDS | tree | load | waits TASK | limits LISTENERS DEPTH (in a row, and of tasks)
 
 ``here``: the handler that NAME runs does nothing else until the answer is there.
 A point is ``end achieving 3``, ``start planning this``, or a number of seconds from now; ``POINT + 2`` is two seconds
 later. Failures of no name ("any") are written ``any``. A module's slots are NAME/1, NAME/2, ...
 """
 
+import json
 import re
 from typing import Any
 
@@ -35,20 +38,27 @@ from central.transcript_words import (
     constraints,
     describe,
     describe_answer,
+    describe_header,
     describe_inspected,
     describe_observed,
+    load_lines,
     read_attachment,
+    read_fields,
     read_point,
     read_watch,
 )
 
+from tca_central import events
 from tca_central.events import LimitsSet
+from tca_central.needs.waits import Ends, next_of, waits_of
 from tca_central.order.holds import held_counts
+from tca_central.status.load import load
 from tca_wire.constraints import Flags
 from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, Transition, ending
-from tca_wire.packets import headers
+from tca_wire.packets import changes, headers, routes
 from tca_wire.packets.parts import MessageFormat
 from tca_wire.points import ROOT, TaskId, describe_moments
+from tca_wire.text.waits_in_words import in_words
 from tca_wire.vocabulary import Busy, Condition, MessageClass, Party, Scope
 
 PAUSABLE = LifeCycle(
@@ -61,6 +71,12 @@ PAUSABLE = LifeCycle(
     ],
 )
 LIFE_CYCLES = {one.name: one for one in (BASIC, PAUSABLE)}
+HEADERS: dict[str, Any] = {
+    kind.__name__: kind
+    for module in (headers, changes, routes)
+    for kind in vars(module).values()
+    if isinstance(kind, type)
+}
 CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
 
 
@@ -73,6 +89,7 @@ class Transcript:
         self.asked: dict[str, list[int]] = {}
         self.observing: dict[str, set[int]] = {}  #: by connection: the numbers of these requests
         self.read: dict[str, int] = {}
+        self.told: dict[str, int] = {}
 
     def play(self, command: str) -> str:
         """Do one command; what happened, a line each."""
@@ -87,7 +104,9 @@ class Transcript:
         answers = [answer for answer in answers if not isinstance(answer, headers.Deliver)]
         lines += [f"  -> {describe_answer(answer)}" for answer in answers if not self.is_observed(answer)]
         lines += self.seen()
-        return "\n".join(line for line in lines if line) if command != "tree" else self.tree()
+        if told := re.fullmatch(r"(tree|load|waits|heard) ?(.*)", command):
+            return str(getattr(self, told[1])(*filter(None, [told[2]])))
+        return "\n".join(line for line in lines if line)
 
     def is_observed(self, answer: Any) -> bool:
         """Whether an answer is to an observer, of whom is told what he sees."""
@@ -110,6 +129,7 @@ class Transcript:
             for part in words:
                 self.player.life_cycles[self.player.format(part).name] = LIFE_CYCLES[life_cycle].text
         chosen = {"pool": options["pool"] or "", "resource": options["resource"] or "", **wishes(**options)}
+        chosen["direct"] = bool(options["direct"])
         self.player.module(name, *words, capacity=int(capacity or 1), pending=int(pending or 0), **chosen)
         new = [item for connection, inbox in self.player.inbox.items() for item in inbox[known.get(connection, 0) :]]
         return [header for header, _ in new if isinstance(header, headers.Answer | headers.Refused)]
@@ -259,8 +279,9 @@ class Transcript:
         requests = self.asked[name][-int(number) :] if int(number) else []
         return self.player.receive(name, headers.AwaitAny(self.player.delivered(name)[-1], requests))
 
-    def give_up(self, name: str) -> list[Any]:
-        return self.player.receive(name, headers.GiveUp(self.player.numbers[name]))
+    def give_up(self, name: str, asks: str) -> list[Any]:
+        request = self.player.numbers[name]
+        return self.player.receive(name, headers.GiveUp(request, self.player.number(name) if asks else 0))
 
     def lock(self, name: str, what: str, resource: str, options: str) -> list[Any]:
         found = dict(re.findall(r"\b(of|within|priority|for) (\S+)", options))
@@ -277,10 +298,10 @@ class Transcript:
     def unlock(self, name: str, resource: str) -> list[Any]:
         return self.player.receive(name, headers.Unlock(self.player.number(name), resource))
 
-    def kill(self, name: str, scope: str, task: str, delay: str, after: str) -> list[Any]:
+    def kill(self, name: str, scope: str, task: str, delay: str, after: str, why: str) -> list[Any]:
         point = read_point(after) if after else None
         which = Scope(scope or "task")
-        header = headers.Kill(self.player.number(name), TaskId(int(task)), "", which, point, float(delay or 0))
+        header = headers.Kill(self.player.number(name), TaskId(int(task)), why or "", which, point, float(delay or 0))
         return self.player.receive(name, header)
 
     def constrain(self, name: str, what: str) -> list[Any]:
@@ -298,6 +319,46 @@ class Transcript:
     def garbage(self, name: str) -> list[Any]:
         return [effect.header for effect in self.player.garbage(name) if hasattr(effect, "header")]
 
+    def line(self, name: str, module: str, resource: str, run: str, direct: str) -> list[Any]:
+        return self.player.hello(name, module, resource or "", run or "", direct=bool(direct))
+
+    def request(self, name: str, kind: str, fields: str, body: str) -> list[Any]:
+        """A header with these fields, and the next number if it has one."""
+        header = HEADERS[kind]
+        known = read_fields(header, fields)
+        if "number" in header.__struct_fields__ and "number" not in known:
+            known["number"] = self.player.number(name)
+        if header is headers.Hello:
+            known["version"] = headers.PROTOCOL_VERSION
+        return self.player.receive(name, header(**known), msgspec.msgpack.encode(json.loads(body)) if body else b"")
+
+    def event(self, kind: str, fields: str) -> list[Any]:
+        made = getattr(events, kind)
+        effects = self.player.event(made(self.player.time, **read_fields(made, fields)))
+        return [effect.header for effect in effects if hasattr(effect, "header")]
+
+    def heard(self) -> str:
+        """What each connection was sent, but what it handles; it is told once."""
+        lines = []
+        for name, inbox in self.player.inbox.items():
+            for header, body in inbox[self.told.get(name, 0) :]:
+                if not isinstance(header, headers.Deliver | headers.Welcome):
+                    lines.append(f"{name} hears {describe_header(header)}{_told(header, body)}")
+            self.told[name] = len(inbox)
+        return "\n".join(lines)
+
+    def load(self) -> str:
+        """What central tells of its load."""
+        return "\n".join(load_lines(load(self.player.central)))
+
+    def waits(self, task: str) -> str:
+        """What central says that a task waits for, now and in the end."""
+        central = self.player.central
+        node = next_of(central.tree.tasks[TaskId(int(task))])
+        found = [f"{one.kind}: {in_words(one)}" for one in waits_of(central, node)]
+        end = Ends(central, 1000).end_of(node)
+        return "\n".join([*found, f"in the end {end.kind}: {in_words(end)}" if end else "no end is known"])
+
     def limits(self, taps: str, depth: str) -> None:
         self.player.event(LimitsSet(self.player.time, 512 << 20, int(taps), int(depth)))
 
@@ -311,6 +372,11 @@ class Transcript:
         return "\n".join(lines) or "(empty)"
 
 
+def _told(header: Any, body: bytes) -> str:
+    """The value of an answer."""
+    return f", value {msgspec.msgpack.decode(body)}" if body and isinstance(header, headers.Answer) else ""
+
+
 def wishes(*, accepting: str, taking: str, refusing: str, busy: str, **_: str) -> dict[str, Any]:
     """What the handlers of a module say of the life cycles of tasks."""
     said: dict[str, Any] = {"accepts": True} if accepting else {}
@@ -322,10 +388,11 @@ def wishes(*, accepting: str, taking: str, refusing: str, busy: str, **_: str) -
 NAME = r"(?P<name>[\w/#]+)"
 OPTIONS = (
     r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending (?P<pending>\d+))?(?: resource (?P<resource>\w+))?"
-    r"(?P<accepting> accepting)?(?: taking (?P<taking>[\w ]+?))?(?: refusing (?P<refusing>[\w ]+?))?(?: when busy (?P<busy>\w+))?"
+    r"(?P<accepting> accepting)?(?: taking (?P<taking>[\w ]+?))?(?: refusing (?P<refusing>[\w ]+?))?(?: when busy (?P<busy>\w+))?(?P<direct> direct)?"
     r"(?: life cycle (?P<life_cycle>\w+))?"
 )
 TAKEN = r"(?: with (?P<value>\d+))?(?: having seen (?P<serial>\d+))?(?: because (?P<text>.*))?"
+KILLED = r"(?: in (?P<delay>[\d.]+))?(?: after (?P<after>[a-z ]+\d+))?(?: because (?P<why>.*))?"
 OBSERVED = (
     r"(?: (?P<task>\d+))?(?: (?!below|states)(?P<message>\w+))?(?: below (?P<below>\d+))?(?: states (?P<states>.*))?"
 )
@@ -347,7 +414,7 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: detach (?P<which>\d+)", Transcript.detach),
     (rf"{NAME}: raise (?P<failure>.+) on (?P<task>\d+)", Transcript.raise_),
     (rf"{NAME}: retry (?P<task>\d+)(?P<data> with data)?", Transcript.retry),
-    (rf"{NAME}: (?P<what>suspend|resume) (?P<task>\d+)", Transcript.suspend),
+    (rf"{NAME}: (?P<what>suspend|resume) (?P<task>-?\d+)", Transcript.suspend),
     (rf"{NAME}: (?P<what>keep|release) (?P<task>\d+)", Transcript.keep),
     (rf"{NAME}: inspect (?P<relation>\w+) of (?P<task>\d+)", Transcript.inspect),
     (rf"{NAME}: take (?P<transition>[\w ]+?) of (?P<task>\d+){TAKEN}", Transcript.take),
@@ -355,9 +422,8 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: deadline (?P<seconds>[\d.]+) for (?P<point>.*)", Transcript.deadline),
     (r"pass (?P<seconds>[\d.]+)", Transcript.pass_),
     (rf"{NAME}: wait (?P<point>.*?)(?P<here> here)?", Transcript.wait),
-    (rf"{NAME}: give up", Transcript.give_up),
-    (rf"{NAME}: kill (?:(?P<scope>descendants|siblings) of )?(?P<task>\d+)(?: in (?P<delay>[\d.]+))?(?: after (?P<after>.*))?",
-     Transcript.kill),
+    (rf"{NAME}: give up(?P<asks> and ask why)?", Transcript.give_up),
+    (rf"{NAME}: kill (?:(?P<scope>descendants|siblings) of )?(?P<task>-?\d+){KILLED}", Transcript.kill),
     (rf"{NAME}: constrain (?P<what>.*)", Transcript.constrain),
     (rf"{NAME}: bye", Transcript.bye),
     (rf"{NAME}: handle (?P<message>\w+) no more", Transcript.unregister),
@@ -366,7 +432,10 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: (?P<what>lock|reserve) (?P<resource>\w+)(?P<options>.*)", Transcript.lock),
     (rf"{NAME}: release", Transcript.release),
     (rf"{NAME}: unlock (?P<resource>\w+)", Transcript.unlock),
-    (r"tree", lambda _: None),
+    (rf"line {NAME} of (?P<module>.+?)(?: in (?P<resource>\w+))?(?: run (?P<run>.+?))?(?P<direct> direct)?", Transcript.line),
+    (rf"{NAME}! (?P<kind>\w+)(?P<fields>(?: \w+=.*?)?)(?: with (?P<body>.*))?", Transcript.request),
+    (r"event (?P<kind>\w+)(?P<fields>.*)", Transcript.event),
+    (r"tree|heard|load|waits \d+", lambda _: None),
     (r"limits (?P<taps>\d+) (?P<depth>\d+)", Transcript.limits),
     (rf"{NAME}: (?P<what>(?:{CLASSES}) \w+)(?P<options>.*)", Transcript.send),
 ]  # fmt: skip

@@ -1,7 +1,8 @@
 """The words of transcripts: how points, options and exception handlers are read, and how facts and headers are told."""
 
+import json
 import re
-from typing import Any
+from typing import Any, get_type_hints
 
 import msgspec
 
@@ -12,12 +13,26 @@ from tca_wire.messages.notices import NOTICES
 from tca_wire.packets.parts import Attachment, StateChange, WatchOptions
 from tca_wire.points import ROOT, THIS, Moment, Point, TaskId, describe_moments
 from tca_wire.text.facts_in_words import fields_of, kill_reason
+from tca_wire.text.waits_in_words import in_words, several_in_words, waiter_in_words
 from tca_wire.vocabulary import CENTRAL
 
 
 def read_point(text: str) -> Point:
     edge, interval, task = text.split()
     return Point(THIS if task == "this" else TaskId(int(task)), Moment[f"{edge}_{interval}".upper()])
+
+
+def read_fields(kind: type, text: str) -> dict[str, Any]:
+    """The fields of a header or fact, as in: ``task=3 why="enough"``."""
+    hints = get_type_hints(kind)
+    found = re.findall(r"(\w+)=(\".*?(?<!\\)\"|[\[{].*?[\]}](?= \w+=|$)|\S+)", text)
+    return {name: read_field(name, json.loads(value), hints[name]) for name, value in found}
+
+
+def read_field(name: str, value: Any, hint: Any) -> Any:
+    if name == "moment" and isinstance(value, str):
+        return Moment[value.upper().replace(" ", "_")]
+    return msgspec.convert(value, hint, strict=False)
 
 
 def read_watch(options: str) -> WatchOptions:
@@ -202,3 +217,30 @@ def describe_header(header: Any) -> str:
     fields = {name: getattr(header, name) for name in header.__struct_fields__ if name not in ("number", "version")}
     words = ", ".join(f"{key} {value}" for key, value in fields.items() if value not in ("", False, 0))
     return f"{type(header).__name__.lower()} {words}".strip()
+
+
+def load_lines(told: dict[str, Any]) -> list[str]:
+    """What central tells of its load: of what is used, or waits."""
+    lines = []
+    for module in told["modules"]:
+        for one in module["resources"]:
+            known = {name: value for name, value in one.items() if value and name not in ("resource", "capacity")}
+            if handling := known.pop("handling", []):
+                known["handling"] = " and ".join(
+                    f"{run['message']} {{{run['id']}}} for {run['seconds']:g} s" for run in handling
+                )
+            lines += [f"resource {one['resource']} of {module['module']}: {listed(known)}"] if known else []
+    for one in told["messages"]:
+        known = {name: one[name] for name in ("delivered", "failed", "dropped", "waiting") if one[name]}
+        lines += [f"message {one['message']}: {listed(known)}"] if known else []
+    for kind in ("waits", "held", "suspended", "killed"):
+        for one in told[kind]:
+            end = f"; in the end {in_words(one.end)}" if one.end else ""
+            why = f" (killed: {one.killed})" if one.killed else ""
+            lines.append(f"{kind}: {waiter_in_words(one)}{why} {several_in_words(one.waits)}, {one.seconds:g} s{end}")
+    lines += [f"{one.tasks} wait in the end {in_words(one.wait)}" for one in told["ends"]]
+    return [*lines, f"totals: {listed(told['totals'])}"]
+
+
+def listed(known: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in known.items())

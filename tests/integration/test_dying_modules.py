@@ -10,9 +10,11 @@ import pytest
 from integration.programs import central, program
 from module.real_central import until
 
-from tca_module import Command, ExceptionHandler, Module, Query, QueryFailed, Recovery, TaskFailed, connect
+from tca_central.requests.joining import MOST_AHEAD
+from tca_module import Client, Command, ExceptionHandler, Module, Query, QueryFailed, Recovery, TaskFailed, connect
 
 pytestmark = pytest.mark.slow
+
 SOON = 30.0
 
 DIES = """
@@ -136,3 +138,49 @@ def test_central_ends_at_once_though_a_module_of_many_stands_still(tmp_path: Pat
             assert [user.command(Command("work"), sequential=False).id for _ in range(20)]
             daemon.signal(signal.SIGTERM)
             assert daemon.process.wait(5) == 0
+
+
+# --- A process is killed while it has messages ahead, and has not said what it has handled of them -------------------
+
+
+DOUBLE = Query("double", int, reply=int)
+PATIENCE, RUNS, DEADLY, LOST = 20.0, 400, -1, "module lost"
+
+QUICK = """
+    import os
+    import signal
+    from tca_module import Module, Query, Task
+    quick = Module("quick")
+
+    @quick.handles(Query("double", int, reply=int))
+    def double(_: Task, number: int) -> int:
+        if number < 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return 2 * number
+
+    quick.run()
+"""
+
+
+def answers(user: Client, numbers: list[int], address: str) -> list[int | str]:
+    """The answers, or failures, of questions that are put at once. Another one who answers comes meanwhile."""
+    asked = [user.query_send(DOUBLE, number) for number in numbers]
+    found: list[int | str] = []
+    with program(QUICK, address):
+        for one in asked:
+            try:
+                found.append(one.receive(PATIENCE))
+            except QueryFailed as lost:
+                found.append(lost.failure)
+    return found
+
+
+def test_what_it_may_have_handled_has_failed_and_the_rest_goes_to_the_next(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, connect("user", daemon.address) as user, program(QUICK, daemon.address):
+        for number in range(20):
+            assert user.query(DOUBLE, number, timeout=PATIENCE) == 2 * number
+        numbers = [*range(RUNS), DEADLY, *range(RUNS)]
+        found = answers(user, numbers, daemon.address)
+    assert found[RUNS] == LOST
+    assert found.count(LOST) <= MOST_AHEAD + 1
+    assert all(answer in (LOST, 2 * number) for number, answer in zip(numbers, found, strict=True))

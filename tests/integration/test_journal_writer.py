@@ -185,7 +185,7 @@ def test_central_goes_on_without_a_journal_if_it_was_told_so(tmp_path: Path) -> 
 
 
 def test_a_disk_is_nearly_full_when_bytes_and_share_are_few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What central does about that is in central/test_disk_space.py."""
+    """What central does about that is in central/test_limits.py."""
     (tmp_path / "run").mkdir()
     log = RunLog(tmp_path / "run", writer(tmp_path / "run"), None)
     for least, share, is_full in ((1 << 80, 1, True), (1 << 80, 1 << 80, False), (0, 1, False)):

@@ -3,6 +3,9 @@
 import os
 import queue
 import signal
+import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,12 +14,31 @@ from typing import Any
 import pytest
 import zmq
 from integration.programs import Central, central, program
+from module.real_central import RealCentral
 
 from tca_central.core import Central as Core
 from tca_central.shell import server as shell
 from tca_central.shell.gate import OpenGate
 from tca_central.shell.server import Daemon
-from tca_module import Condition, Inform, Module, Query, Refused, Variable, connect
+from tca_module import (
+    CentralLost,
+    Client,
+    Command,
+    Condition,
+    Goal,
+    Inform,
+    Module,
+    Outcome,
+    Query,
+    Refused,
+    SentTask,
+    Variable,
+    connect,
+)
+from tca_tools.journal.journals import open_log
+from tca_wire.constraints import Flags
+from tca_wire.journal import facts
+from tca_wire.packets import headers
 from tca_wire.packets.codec import pack, pack_item, unpack_to_module
 from tca_wire.packets.headers import PROTOCOL_VERSION, Ask, Bye, GetVariable, Hello, Register, Send
 from tca_wire.packets.parts import MessageFormat
@@ -176,3 +198,119 @@ def test_a_circle_of_listeners_ends_with_an_error(tmp_path: Path) -> None:
             user.tap(Condition.AFTER_HANDLED, move, check)
             user.query(move, 1)
             assert "--tap-depth" in errors.get(timeout=30)
+
+
+# --- Who sends more than central reads, and dies, does not take central with it; and a line that takes nothing is noti
+
+
+FLOOD = """
+import os, signal, sys, zmq
+to_central = zmq.Context().socket(zmq.DEALER)
+to_central.connect(sys.argv[1])
+while to_central.poll(300, zmq.POLLOUT):  # until nothing more is taken
+    to_central.send(bytes(1000))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+CENTRAL = """
+import subprocess, sys, time
+from tca_central.core import Central
+from tca_central.shell.server import Daemon
+server = Daemon(Central("run"), sys.argv[1])
+flood = subprocess.run([sys.executable, "-c", sys.argv[2], server.endpoint])
+time.sleep(1.2)  # a slow disk, say: ZeroMQ's heartbeats came every second
+server.stop("all is read")
+server.serve()
+server.close()
+print(flood.returncode)
+"""
+
+
+def test_a_module_that_floods_a_busy_central_and_is_killed(tmp_path: Path) -> None:
+    """The queue of the dead was full, so ZeroMQ had stopped to read, and aborted the process at its next heartbeat."""
+    command = [sys.executable, "-c", CENTRAL, f"ipc://{tmp_path}/central.sock", FLOOD]
+    lived = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (lived.returncode, lived.stdout) == (0, f"{-signal.SIGKILL}\n"), lived.stderr
+
+
+def test_a_line_that_takes_nothing_for_five_seconds_is_dead() -> None:
+    """The kernel asks every second, so it can tell; this is what it was told."""
+    with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address):
+        assert (5000, 1, 1) in patience_of_lines_at(int(central.address.rpartition(":")[2]))
+
+
+def patience_of_lines_at(port: int) -> list[tuple[int, ...]]:
+    """Of the TCP sockets of this process that stand at a port: milliseconds; and seconds until, and between, probes."""
+    options = socket.TCP_USER_TIMEOUT, socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL
+    found = []
+    for file in Path("/proc/self/fd").iterdir():
+        if not file.is_socket():
+            continue
+        with socket.socket(fileno=os.dup(int(file.name))) as line:
+            is_there = line.family == socket.AF_INET and line.getsockname()[1] == port
+            if is_there and line.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE):
+                found.append(tuple(line.getsockopt(socket.IPPROTO_TCP, option) for option in options))
+    return found
+
+
+# --- Central is busy for long with one event, such as the kill of a very large tree: that is nobody else's fault -----
+
+
+WALK, STEP = Goal("walk"), Command("step")
+DIG, DEPTH = Command("dig", result=int), Query("depth", reply=int)
+
+DIGGER = """
+    from tca_module import *
+    digger, gauge = Module("digger"), Module("gauge")
+    @gauge.handles(Query("depth", reply=int))
+    def depth(task: Task) -> int:
+        return 7
+    @digger.handles(Command("dig", result=int))
+    def dig(task: Task) -> int:
+        print("digging", flush=True)
+        while not task.cancelled:
+            pass
+        return 0
+    with gauge.running(), digger.running():
+        print("ready", flush=True)
+        import signal; signal.pause()
+"""
+
+TASKS = 2_000
+
+
+def test_the_kill_of_a_very_large_tree_costs_no_living_module_its_place(tmp_path: Path) -> None:
+    """Central stands still for a while, and here is stopped, too, as on a slower day: who has no patience is told; what
+    is handled goes on, and who handles stays.
+    """
+    with central(tmp_path) as daemon, program(DIGGER, daemon.address) as digger:
+        assert digger.stdout is not None
+        assert digger.stdout.readline() == "ready\n"
+        with (
+            connect("user", daemon.address, patience=120) as user,
+            connect("hasty", daemon.address, patience=0.3) as hasty,
+        ):
+            dig, walk = user.command(DIG), user.goal(WALK)
+            assert digger.stdout.readline() == "digging\n"
+            fill(user, walk)
+            assert user.query(DEPTH, timeout=60) == 7
+            daemon.signal(signal.SIGSTOP)
+            with pytest.raises(CentralLost):
+                hasty.query(DEPTH)
+            daemon.signal(signal.SIGCONT)
+            assert walk.kill()
+            assert walk.wait(timeout=60) is Outcome.KILLED
+            assert user.query(DEPTH, timeout=60) == 7
+            assert {"digger", "gauge", "hasty"} <= {module.name for module in user.modules()}
+            assert dig.kill()
+            assert dig.wait(timeout=60) is Outcome.KILLED
+    recorded = [fact for entry in open_log(daemon.journal) for fact in entry.facts]
+    assert sum(isinstance(fact, facts.Killed) for fact in recorded) == TASKS + 2
+    assert not [fact for fact in recorded if isinstance(fact, facts.Failed)]
+
+
+def fill(user: Client, walk: SentTask[None]) -> None:
+    """What ``command`` does, but without waiting for each."""
+    connection = user._connection()
+    connection.declare(STEP)
+    for _ in range(TASKS):
+        connection.request(headers.Send(0, STEP.name, parent=walk.id, flags=Flags.NONE), STEP.encode_data(None))

@@ -9,14 +9,24 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, NewType, Protocol, TypeVar
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import tca_module
-from tca_module import HandlerOptions, MonitorOptions, TaskOptions
+from tca_module import Command, HandlerOptions, MisuseError, Module, MonitorOptions, Task, TaskOptions
+from tca_module.session.registering import registers
 from tca_wire.messages.declaring import Declaring
+from tca_wire.packets import codec
+from tca_wire.packets.headers import Register
+from tca_wire.packets.parts import HandlerFormat, MessageFormat
+from tca_wire.vocabulary import Limit, MessageClass
 
 MYPY = shutil.which("mypy", path=str(Path(sys.executable).parent))
 
@@ -52,3 +62,69 @@ def test_a_declaration_shows_its_arguments(kind: Any) -> None:
 def test_help_shows_each_option(kind: Any) -> None:
     _, _, described = kind.__doc__.partition("Args:")
     assert [name for name in kind.__annotations__ if not re.search(rf"\b{name}[:,]", described)] == []
+
+
+# --- A handler whose data are annotated with another type than its message's is refused where it is declared ---------
+
+
+T = TypeVar("T")
+Metres = NewType("Metres", float)
+
+
+@dataclass
+class Pose:
+    x: float
+
+
+@dataclass
+class Pose3(Pose):
+    z: float
+
+
+class HasX(Protocol):
+    x: float
+
+
+RIGHT = [
+    (int, float), (float, object), (float, Any), (float, "Unknown"), (float, T), (Pose3, Pose), (Pose, HasX),
+    (float, Metres), (Annotated[float, "m"], float), (list[int], Sequence[float]), (dict[str, int], Mapping[str, Any]),
+    (float | None, float | str | None), (Literal["a", "b"], str), (tuple[int, ...], tuple[int, int]),
+    (NDArray[np.float64], np.ndarray), (Sequence[int], list[int]), (list[Pose3], list[Pose]),
+]  # fmt: skip
+WRONG = [
+    (float, int), (Pose, Pose3), (list[int], list[str]), (float, str | None), (float | None, float), (Pose, dict),
+    (NDArray[np.float64], NDArray[np.float32]), (dict[str, int], Mapping[int, int]), (int, Pose),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("kind", "hint", "fits"), [*((*pair, True) for pair in RIGHT), *((*pair, False) for pair in WRONG)]
+)
+def test_an_annotation_of_data_that_never_fits_is_refused(kind: Any, hint: Any, *, fits: bool) -> None:
+    def handler(_: Task, data: Any) -> None: ...
+
+    handler.__annotations__["data"] = hint
+    with nullcontext() if fits else pytest.raises(MisuseError, match=r"handler takes data: .* has data of type"):
+        Module("legs").handles(Command("move", kind))(handler)
+
+
+# --- Declarations are divided into requests that central takes, in an order in which each can stand alone ------------
+
+
+@pytest.mark.parametrize(("number", "size", "expected"), [(0, 0, 1), (500, 40, 1), (1200, 40, 6), (9, 200_000, 6)])
+def test_any_number_of_declarations_is_taken(number: int, size: int, expected: int) -> None:
+    messages = [MessageFormat(f"m{one}", MessageClass.INFORM, "x" * size) for one in range(number)]
+    handlers = [HandlerFormat(message.name, "r") for message in messages] if expected > 1 else []
+    found = registers(messages, handlers, is_ready=True)
+    assert len(found) == expected
+    assert [message for one in found for message in one.messages] == messages
+    assert [handled for one in found for handled in one.handlers] == handlers
+    assert [one.is_ready for one in found] == [False] * (expected - 1) + [True]
+    declared: set[str] = set()
+    for one in found:
+        declared |= {message.name for message in one.messages}
+        assert {handled.message for handled in one.handlers} <= declared
+    packets = codec.packets([(one, b"") for one in found])
+    taken = [header for _, packet in packets for header, _ in codec.unpack_to_central(packet)]
+    assert taken == found
+    assert all(isinstance(one, Register) and len(one.messages) <= Limit.LIST for one in taken)

@@ -2,34 +2,60 @@
 answers of lost connections) is bounded, and full when the first look is taken.
 """
 
+import sys
+
 import pytest
-from soak.robot import ROUNDS_AN_HOUR, Robot, size_of
+from central.player import Player, reachable
+from central.test_random_lives import end_everything
+from properties.life import Life
 
-from tca_central.core import REMEMBERED_OUTCOMES
+from tca_central.core import REMEMBERED_OUTCOMES, Central
+from tca_central.events import ConnectionId, Effect, Transmit
 from tca_central.model.registry import REMEMBERED_CONNECTIONS
+from tca_wire.packets import headers
+from tca_wire.points import TaskId
+
+FIRST, MONTH = 200_000, 2_600_000
+"""Events: a second each, so far as time does not pass without any. Modules come and go with every twentieth."""
+SLACK = 1_000
+"""Objects more or fewer, which are of the newest answers: one for a thousand events would be more."""
 
 
-def check_that_it_does_not_grow(hours: list[int], restart_after: int, slack: int) -> None:
-    """Looks after so many hours each, from the end of the time before; all must be in the same place of the round."""
-    robot, sizes = Robot(), []
-    for more in hours:
-        robot.live(more, restart_after)
-        assert not robot.is_busy
-        assert len(robot.central.outcomes) == REMEMBERED_OUTCOMES
-        assert len(robot.central.registry.lost) == REMEMBERED_CONNECTIONS
-        sizes.append(size_of(robot.central))
+class Forgetful(Player):
+    """It keeps nothing of what it hears."""
+
+    def note(self, effects: list[Effect]) -> None:
+        for effect in effects:
+            if isinstance(effect, Transmit):
+                self.inbox.setdefault(effect.connection.decode(), [])
+
+    def lose(self, connection: str) -> list[Effect]:
+        self.inbox.pop(connection, None)
+        self.numbers.pop(connection, None)
+        return super().lose(connection)
+
+
+def size_of(central: Central) -> tuple[int, int]:
+    """How many objects central holds, everything that can be reached from it but code; and how many bytes they are."""
+    count = size = 0
+    for one in reachable(central):
+        count += 1
+        size += sys.getsizeof(one)
+    return count, size
+
+
+@pytest.mark.soak
+def test_central_does_not_grow_in_a_month_whose_modules_die_every_minute() -> None:
+    life, sizes = Life(Forgetful(check=False)), []
+    for seed, events in enumerate((FIRST, MONTH)):
+        life.go_on(seed, events)
+        end_everything(life)
+        for task in [*life.central.registry.connections[ConnectionId(b"user")].module.keeps]:
+            life.request(headers.Keep, TaskId(task), release=True)
+        assert not life.central.kept
+        assert len(life.central.outcomes) == REMEMBERED_OUTCOMES
+        assert len(life.central.registry.lost) == REMEMBERED_CONNECTIONS
+        sizes.append(size_of(life.central))
     (objects, size), (objects_then, size_then) = sizes
-    assert abs(objects_then - objects) <= slack, sizes
+    assert abs(objects_then - objects) <= SLACK, sizes
     assert size_then <= size * 1.1, sizes
-
-
-@pytest.mark.soak
-def test_central_does_not_grow_in_a_morning_whose_modules_die_every_five_minutes() -> None:
-    # 5 killed tasks in 4 h stay in a list that is swept when it has 64 such entries: some 20 objects. One object for
-    # each of the 48 restarts would come on top of that.
-    check_that_it_does_not_grow([4, 4], ROUNDS_AN_HOUR // 12, slack=40)
-
-
-@pytest.mark.soak
-def test_central_does_not_grow_in_a_month_whose_modules_die_every_hour() -> None:
-    check_that_it_does_not_grow([4 * 24, 26 * 24], ROUNDS_AN_HOUR, slack=100)

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from tools.story import THIS, Story
+from tools.story import QUERY, THIS, Story
 
 from tca_wire.constraints import Constraint, delay_planning, sequential_achievement
 from tca_wire.journal import facts
@@ -126,3 +126,43 @@ def recovering() -> Story:
 
 def fail(story: Story, task: int, failure: str, text: str) -> None:
     story.say(facts.Returned(task, Outcome.FAILED, b""), facts.Failed(task, failure, text))
+
+
+def asking(*, passed_on: bool = False, task_fails: bool = False, dealt_with: bool = False) -> Story:
+    """A walk {1} asks where it is {2}; who handles that asks for a look {3}, which fails. What it then does, and the
+    walk, is told; the walk's failure may be dealt with.
+    """
+    story = Story().module("planner", "walk").module("maps", "where").module("eye", "look").module("expert", "help")
+    walk = story.at(1.0).goal("walk", "user", to="planner")
+    where = story.at(1.1).received("where", QUERY, "planner", origin=walk, blocking=True, to="maps")
+    look = story.at(1.2).received("look", QUERY, "maps", origin=where, blocking=True, to="eye")
+    _blind(story.at(2.0), look).say(facts.Answered(look)).at(3.0)
+    if not passed_on:
+        story.returned(where).say(facts.Answered(where))
+    else:
+        _blind(story, where).say(facts.Answered(where))
+    story.at(4.0)
+    if not task_fails:
+        return story.returned(walk).reached(walk, *Moment).at(5.0)
+    _blind(story, walk)
+    if not dealt_with:
+        return story.say(facts.Unhandled(TaskId(walk))).reached(walk, *Moment).at(5.0)
+    handler = story.rescued(walk, "help", "expert")
+    story.at(4.5).returned(handler).reached(handler, *Moment).say(facts.Recovered(TaskId(walk)))
+    return story.reached(walk, *Moment).at(5.0)
+
+
+def replacing(*, top_fails: bool = False) -> Story:
+    """A step {2} of a walk {1} fails, and is killed for that; the walk is achieved without it, or fails too."""
+    story = Story().module("legs", "step").at(1.0)
+    walk = story.goal("walk", "user")
+    step = story.goal("step", "user", walk)
+    _blind(story.delivered(step, "legs").at(2.0), step).say(facts.Unhandled(TaskId(step)))
+    story.say(facts.Killed(TaskId(step), "not needed", "user")).reached(step, *Moment).at(3.0)
+    if top_fails:
+        story.say(facts.Killed(TaskId(walk), "no way", "user"))
+    return story.reached(walk, *Moment).at(4.0)
+
+
+def _blind(story: Story, number: int) -> Story:
+    return story.failed(number, "blind", "fog")

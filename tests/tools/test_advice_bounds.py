@@ -10,14 +10,14 @@ from central.player import Player
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
-from tools.made_robots import commanding, looking_ahead, near, recovering, stepping
-from tools.story import THIS, Story, walking
+from tools.made_robots import looking_ahead, stepping
+from tools.story import THIS, Story
 
 from tca_central.events import ConnectionId, RequestReceived, Transmit
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advice_words import Advice, Topic
 from tca_tools.analysis.backwards import Causes
-from tca_tools.analysis.concurrency import Overlap, overlaps, why_held
+from tca_tools.analysis.concurrency import Overlap, overlaps
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.resources import uses
@@ -27,9 +27,9 @@ from tca_tools.journal.records import Task
 from tca_tools.journal.whole_run import Run
 from tca_tools.report.contents import contents
 from tca_tools.spans import Cover
-from tca_wire.constraints import Constraint, delay_planning, plan_ahead, sequential_achievement
+from tca_wire.constraints import Constraint, delay_planning, plan_ahead
 from tca_wire.journal import facts
-from tca_wire.points import Moment, TaskId
+from tca_wire.points import TaskId
 from tca_wire.text.facts_in_words import called
 
 _A_HAIR = 1e-6
@@ -204,43 +204,7 @@ def test_waits_of_three_hundred_in_one_queue_are_no_twelve_minutes() -> None:
     assert "stands 299 times in the queue for cutter, 2.99 s in all" in one.text
 
 
-def test_handlers_that_wait_for_one_lock_at_once() -> None:
-    """Ten sweepers each want the broom for 1 s; the last of them waits for nine others, all at the same time."""
-    story = Story().module("user").module("broom", "lend").module("sweeper", "sweep")
-    story.say(facts.ResourceChanged("sweeper", "sweeper", 10)).at(1.0)
-    sweeps = [story.command("sweep", "user") for _ in range(10)]
-    for number, sweep in enumerate(sweeps):
-        story.delivered(sweep, "sweeper").say(facts.Claimed(900 + number, "broom", "broom", False, "sweeper", sweep))
-    for number, sweep in enumerate(sweeps):
-        story.say(facts.Granted(900 + number)).at(2.0 + number).say(facts.ClaimEnded(900 + number, "released"))
-        story.achieved(sweep)
-    (one,) = {one.title: one for one in all_advice(story.fold())}.values()
-    assert (one.topic, round(one.saving, 6)) == (Topic.LOCK, 9.0)
-
-
 # --- whose end would come sooner -----------------------------------------------------------------------------------
-
-
-def test_first_comes_what_moves_the_end() -> None:
-    """*pour* waits six seconds for a lock, and takes two; long after it comes a *clean*, which waits half a second until
-    somebody handles it.
-    """
-    story = Story().module("op").module("tank", "pour")
-    story.at(1.0).say(facts.Claimed(50, "tank", "tank", False, "op", 0), facts.Granted(50)).at(2.0)
-    pour = story.command("pour", "user")
-    story.queued(pour, "tank").at(8.0).say(facts.ClaimEnded(50, "released")).delivered(pour, "tank")
-    story.at(10.0).achieved(pour).at(20.0)
-    clean = story.command("clean", "user")
-    story.queued(clean).at(20.5).module("maid", "clean").delivered(clean, "maid")
-    found = contents(story.at(21.5).achieved(clean).fold())
-    assert found.path
-    assert found.longest
-    assert (str(found.path.path.task), str(found.longest.path.task)) == ("clean {2}", "pour {1}")
-    first, second = found.advice
-    assert (first.title, first.sooner) == ("Nobody handles 'clean' for a while", "")
-    assert (round(first.saving, 6), round(first.on_path, 6)) == (0.5, 0.5)
-    assert (second.title, second.sooner) == ("tank is locked while others wait", "pour {1}")
-    assert (round(second.saving, 6), second.on_path) == (6.0, 0.0)
 
 
 # --- any life ------------------------------------------------------------------------------------------------------
@@ -324,120 +288,3 @@ def test_each_plan_but_the_first_could_have_been_made_while_the_step_before_was_
     assert overlap.saving == pytest.approx(2.0)
     slow, fast = (summary(story.fold()).seconds for story in (stepping(), looking_ahead()))
     assert slow - fast == pytest.approx(overlap.saving)
-
-
-def test_no_more_is_saved_than_the_planner_has_time_for() -> None:
-    (overlap,) = found_in(stepping(planning=1.0, acting=2.0, errand=1.5).fold())
-    assert overlap.saving == pytest.approx(2 * 0.5)
-
-
-def test_who_looks_ahead_already_is_told_nothing() -> None:
-    assert found_in(looking_ahead().fold()) == []
-    assert found_in(walking().fold()) == []
-
-
-def test_a_handler_that_waits_for_its_commands() -> None:
-    """Between its moves: 0.1 s of thought, 0.4 s of asking, 0.1 s of thought, while the move before took 2 s."""
-    run = commanding().fold()
-    (overlap,) = found_in(run)
-    assert overlap.saving == pytest.approx(0.6)
-    assert why_held(run, overlap.chances[0].held) == "the handler of walk {1} waited until move {3} is achieved"
-    assert "the handler of 'walk' waits for 'move'" in overlap.remedy
-
-
-def test_a_script_that_waits_for_one_task_before_it_sends_the_next() -> None:
-    story = Story().module("script").module("planner", "walk").module("legs", "move")
-    now = 1.0
-    for _ in range(2):
-        walk = story.at(now).goal("walk", "script", to="planner", begins=True)
-        story.at(now).say(facts.WaitBegan("script", 0, TaskId(walk), Moment.END_ACHIEVING))
-        move = story.at(now + 1.0).command("move", "planner", walk, to="legs")
-        story.at(now + 1.0).returned(walk).reached(walk, Moment.END_PLANNING)
-        story.at(now + 4.0).achieved(move).reached(walk, Moment.END_ACHIEVING)
-        story.say(facts.WaitEnded("script", 0, TaskId(walk)))
-        now += 4.0
-    run = story.fold()
-    (overlap,) = found_in(run)
-    assert near(overlap.saving, why_held(run, overlap.chances[0].held)) == (
-        1.0, "script waited until walk {1} is achieved",
-    )  # fmt: skip
-
-
-def test_a_question_that_queues_behind_the_acting() -> None:
-    """The planner asks the legs where they are, and gets its answer only when they have stopped."""
-    story = Story().module("user").module("planner", "walk").module("legs", "move", "where")
-    walk = story.at(1.0).goal("walk", "user", to="planner", begins=True)
-    first = story.at(2.0).command("move", "planner", walk, to="legs")
-    asked = story.at(2.5).received("where", story._classes[walk].QUERY, "planner", 0, origin=walk, blocking=True)
-    story.queued(asked, "legs").at(5.0).achieved(first).delivered(asked, "legs")
-    story.at(5.1).returned(asked).say(facts.Answered(asked))
-    second = story.at(6.0).command("move", "planner", walk, sequential_achievement(TaskId(first), THIS), to="legs")
-    story.at(8.0).achieved(second)
-    (overlap,) = found_in(story.fold())
-    assert overlap.saving == pytest.approx(0.9)
-    assert overlap.remedy == "'where' queues behind commands: let a resource of its own handle it"
-
-
-def test_what_somebody_decides_is_no_chance() -> None:
-    story = Story().module("operator").module("legs", "move")
-    for start in (1.0, 9.0):
-        move = story.at(start).command("move", "operator")
-        story.acted(move, "legs", 2.0)
-    assert found_in(story.fold()) == []
-
-
-def test_the_advice_in_words_with_its_numbers() -> None:
-    (one,) = advised(stepping().fold(), at_least=0.5)
-    assert (one.topic, one.title, one.times) == (Topic.OVERLAP, "Plan the next while legs acts", 2)
-    assert one.text == (
-        "legs stood idle twice between one 'move' and the next, 2 s in all. For 2 s of that planner planned what "
-        "comes next"
-    )
-    assert near(one.saving, one.on_path) == (2.0, 2.0)
-    assert (
-        one.example == "4.300 s to 5.300 s, between move {5} and move {6}: step {3} was held until step {2} is achieved"
-    )
-
-
-def test_questions_on_the_critical_path() -> None:
-    asked = next(one for one in advised(commanding().fold()) if one.topic is Topic.QUERY)
-    assert asked.text == "The critical path waits twice for the reply to 'where', 800 ms in all"
-    assert asked.saving == pytest.approx(0.8)
-
-
-def test_a_resource_that_all_queue_for() -> None:
-    """Three moves of 2 s come at once: the second waits 2 s, the third 4 at the same time, in all 4 and not 6."""
-    story = Story().module("user").module("legs", "move")
-    moves = [story.at(1.0).command("move", "user") for _ in range(3)]
-    story.delivered(moves[0], "legs")
-    for move in moves[1:]:
-        story.queued(move, "legs")
-    for number, end in enumerate((3.0, 5.0, 7.0)):
-        story.at(end).achieved(moves[number])
-        if number < 2:
-            story.delivered(moves[number + 1], "legs")
-    (one,) = advised(story.fold())
-    assert near(one.topic, one.saving) == (Topic.CAPACITY, 3.0)  # with two slots 6 s of moves still take three
-    assert "stands twice in the queue for legs, 4 s in all. It is busy 100% of the time, with 1 at a" in one.text
-    assert one.text.endswith("would save at most 3 s: what it has to do would still take 3 s")
-
-
-def test_a_lock_that_is_held_long() -> None:
-    story = Story().module("eye").module("legs", "move")
-    story.at(1.0).say(facts.Claimed(50, "legs", "legs", False, "eye", 0), facts.Granted(50))
-    move = story.at(2.0).command("move", "user")
-    story.queued(move, "legs").at(5.0).say(facts.ClaimEnded(50, "released")).delivered(move, "legs")
-    story.at(6.0).achieved(move)
-    (one,) = advised(story.fold())
-    assert near(one.topic, one.saving) == (Topic.LOCK, 3.0)
-    assert one.example == "move {1} waited 3 s, until 5.000 s; eye had it"
-
-
-def test_failures_cost_what_was_done_in_vain_and_what_was_done_about_them() -> None:
-    """The move that slipped: 1.0 s in vain, 0.2 s until it was retried. The last one was never overcome: it ended."""
-    run = recovering().fold()
-    causes = Causes(run)
-    path = critical_path(run, causes, run.tasks[1])
-    (one,) = advice(run, causes, path, [], [], failures(run), at_least=0.1)
-    assert near(one.topic, one.saving, one.window) == (Topic.FAILURE, 1.2, (1.0, 2.2))
-    assert [one.topic for one in advised(run, 0.1)] == []

@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from pyarrow import parquet
 from tools.story import QUERY, Story, locking, silent_for, stuck, stumbling, walking
-from tools.test_coping import asking, replacing
 from tools.test_history import FACTS
 from tools.trace_reader import read_trace
 
@@ -42,27 +41,6 @@ DOCS = Path(__file__).parents[2] / "docs" / "exports.md"
 def rows(history: History, name: str) -> list[dict[str, Any]]:
     table = next(table for table in TABLES if table.name == name)
     return [dict(zip(table.columns, row, strict=True)) for row in table.rows(history)]
-
-
-def test_every_failure_has_a_row_with_what_became_of_it() -> None:
-    history = asking(passed_on=True, task_fails=True, dealt_with=True).fold()
-    told = [
-        (row["message"], row["time"], row["failure"], row["text"], row["fate"]) for row in rows(history, "failures")
-    ]
-    assert told == [
-        (3, 2.0, "blind", "fog", "coped"),
-        (2, 3.0, "blind", "fog", "coped"),
-        (1, 4.0, "blind", "fog", "recovered"),
-    ]
-    for name in ("failures", "messages", "handlings"):
-        assert {
-            row["handled"]
-            for row in rows(history, name)
-            if row.get("failure", row.get("outcome")) not in (None, "done")
-        } == {True}
-    lost = replacing(top_fails=True).fold()
-    assert [row["handled"] for row in rows(lost, "failures")] == [False]
-    assert [row["handled"] for row in rows(lost, "handlings")] == [False]
 
 
 def test_all_tables(expect: Callable[[str, str], None]) -> None:
@@ -123,26 +101,6 @@ def test_the_documentation_names_every_table_and_column() -> None:
         part = text.split(f"### {table.name}\n", 1)[1].split("\n### ", 1)[0]
         for column in table.columns:
             assert f"`{column}`" in part, f"{table.name}: {column}"
-
-
-def test_who_raised_a_failure_has_a_column() -> None:
-    story = Story().module("legs", "move").at(1.0)
-    slips, late, lost, old = (story.command("move", "user") for _ in range(4))
-    for move in (slips, lost):
-        story.delivered(move, "legs")
-    story.at(2.0).failed(slips, "slip", "")
-    story.at(3.0).say(facts.Failed(late, "timeout", "late", is_beside=True, by="central"))
-    story.at(4.0).say(facts.Failed(late, "slip", "", is_beside=True, by="tca raise#7"))
-    story.at(5.0).say(facts.Failed(lost, "module lost", "its connection closed"))
-    story.at(6.0).say(facts.Failed(old, "slip", "", is_beside=True))
-    told = [(row["message"], row["failure"], row["raised_by"]) for row in rows(story.fold(), "failures")]
-    assert told == [
-        (slips, "slip", "legs"),
-        (late, "timeout", "central"),
-        (late, "slip", "tca raise#7"),
-        (lost, "module lost", "central"),
-        (old, "slip", None),
-    ]
 
 
 # --- formats, folders, and what is said when it can't be done --------------------------------------------------------

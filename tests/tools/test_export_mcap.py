@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 import pytest
 from mcap.reader import make_reader
+from tools.made_robots import replacing
 from tools.story import Story, stumbling, walking
-from tools.test_coping import replacing
 
 from tca_tools.export.mcap_file import write_mcap
 from tca_tools.export.schemas import object_schema, plain_schema

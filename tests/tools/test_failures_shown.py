@@ -1,30 +1,34 @@
 """Failures in all tools: in one word whether the run went on, who raised them, and their data."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 from central.player import Player
 from click.testing import Result
-from tools.made_robots import fail
-from tools.runs import OPENED, encoded
+from tools.deliveries import written
+from tools.made_robots import fail, replacing
+from tools.runs import OPENED, checked, encoded
 from tools.story import Story
-from tools.test_coping import replacing
 
-from tca_tools.analysis.failures import failures
 from tca_tools.analysis.summary import summary
+from tca_tools.check import rules
 from tca_tools.explain.story import story
 from tca_tools.export.tables import TABLES
 from tca_tools.export.trace.details import of_handling, of_task
 from tca_tools.gantt.build import chart
+from tca_tools.gantt.chart import Ending
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fates import HANDLED
 from tca_tools.journal.fold import History
 from tca_tools.journal.journals import open_log
+from tca_tools.journal.lives import life_of
+from tca_tools.journal.outcomes import outcome_of
 from tca_tools.journal.records import TaskState
 from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.panes import colour_of
@@ -34,7 +38,7 @@ from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
-from tca_tools.tasktree_viz.text import tree_lines
+from tca_tools.tasktree_viz.text import COLOURS, tree_lines
 from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.tasktree_viz.words import summary as title
 from tca_tools.view.answers import message_answer
@@ -43,8 +47,8 @@ from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
-from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import Condition, Outcome
 
 Tca = Callable[..., Result]
 STEP = TaskId(2)
@@ -178,54 +182,6 @@ def test_the_story_tells_who_raised_it_and_with_which_data(tmp_path: Path) -> No
     assert "failed: timeout: late" in [one.text for one in story(history, 1)]  # central's own: its text tells
 
 
-def test_a_report_tells_who_raised_it() -> None:
-    found = {kind.failure: case.raised_by for kind in failures(late().fold()) for case in kind.cases}
-    assert found == {"timeout": "by central", "slip": "by the command 'tca raise'"}
-
-
-STOP = 2
-
-
-def surviving() -> Story:
-    """A walk {1} is killed; what is to stop the legs {2} waits for them, is late at 3 s, and is handled all the same."""
-    told = Story().module("legs", "walk", "stop").at(1.0)
-    walk = told.goal("walk", "user", to="legs")
-    told.at(2.0).say(facts.Killed(TaskId(walk), "enough", "user"))
-    assert told.received("stop", MessageClass.COMMAND, "central", walk) == STOP
-    told.queued(STOP, "legs").at(3.0)
-    told.say(facts.Failed(STOP, "timeout", "late", is_beside=True, by="central"), facts.Unhandled(TaskId(STOP)))
-    told.at(4.0).returned(walk, Outcome.KILLED).delivered(STOP, "legs").at(5.0)
-    return told.returned(STOP).reached(STOP, *Moment).reached(walk, *Moment)
-
-
-def test_a_task_that_is_handled_after_a_failure_that_nobody_handled_has_failed() -> None:
-    run = surviving().fold()
-    assert [state for _, state in run.tasks[STOP].states] == [TaskState.QUEUED, TaskState.HANDLING, TaskState.FAILED]
-    assert [RunAt(run, moment).tasks[STOP].failure for moment in (2.5, 3.5, 4.5)] == ["", *["timeout: late"] * 2]
-    assert [(one.time, one.text) for one in story(run, STOP)][1:] == [
-        (2.0, "queued for legs, busy with walk {1}"),
-        (3.0, "failed: timeout: late"),
-        (4.0, "handled by legs"),
-        (5.0, "has ended"),
-    ]
-
-
-def test_tables_keep_it() -> None:
-    run = surviving().fold()
-    tables = {table.name: [dict(zip(table.columns, row, strict=True)) for row in table.rows(run)] for table in TABLES}
-    assert [(row["failure"], row["handled"]) for row in tables["messages"]] == [(None, None), ("timeout: late", False)]
-    assert [row["state"] for row in tables["tasks"]] == ["killed", "failed"]
-
-
-def test_who_is_retried_begins_anew_with_no_failure() -> None:
-    told = Story().module("legs", "move").at(1.0)
-    move = told.command("move", "user", to="legs")
-    told.at(2.0).say(facts.Retried(TaskId(move), b"", "user"))
-    told.at(3.0).failed(move, "slip", "")  # nobody asks for that any more
-    assert told.at(4.0).delivered(move, "legs").fold().tasks[move].state is TaskState.HANDLING
-    assert told.at(5.0).returned(move).reached(move, *Moment).fold().tasks[move].state is TaskState.ACHIEVED
-
-
 # --- the data of a failure are no result -----------------------------------------------------------------------------
 
 
@@ -331,3 +287,96 @@ def test_exports_and_the_page_say_so(run: Path) -> None:
     answer = message_answer(reading, move, history.time)
     assert answer is not None
     assert (answer["result"], answer["failureData"]) == ("", '{"z": 1.5}')
+
+
+# --- A run of five programs that fails: a failure that was only observed, and two that were resolved, in every tool
+
+
+RESOLVED, FAILED, KILLED, ACHIEVED = TaskState.RESOLVED, TaskState.FAILED, TaskState.KILLED, TaskState.ACHIEVED
+
+
+@pytest.fixture(scope="module")
+def resolved_entries() -> list[Entry]:
+    """A walk whose step was mended, a step of the user's that was, and a walk whose step somebody only looked at."""
+    robot = Player.of(
+        "planner: goal walk", "legs: command step, command swing", "expert: exception handler mend",
+        "watcher: exception handler look", "safety: command check", "user",
+    )  # fmt: skip
+    robot.receive("user", headers.Attach(robot.number("user"), Attachment("", "look")))
+    robot.receive("safety/1", headers.Tap(robot.number("safety/1"), Condition.BEFORE_HANDLING, "check", "step"))
+    mend = [Attachment("slip", "mend")]
+    for is_in_walk, is_mended in ((True, True), (False, True), (True, False)):
+        under = robot.task("user", "walk") if is_in_walk else 0
+        robot.task("planner/1" if is_in_walk else "user", "step", under=under, attachments=mend if is_mended else [])
+        if is_in_walk:
+            robot.task("planner/1", "swing", under=under)
+            robot.reply("planner/1")
+        robot.reply("safety/1")
+        robot.fail("legs/1", "slip")
+        if is_mended:
+            robot.resolve("expert/1")
+        robot.reply("expert/1" if is_mended else "watcher/1")
+        if is_in_walk and is_mended:
+            robot.reply("legs/1")
+    return [OPENED, *robot.entries]
+
+
+@pytest.fixture(scope="module")
+def resolved_run(resolved_entries: list[Entry]) -> History:
+    return History.until(resolved_entries, None)
+
+
+@pytest.fixture
+def path(resolved_entries: list[Entry], tmp_path: Path) -> Path:
+    return written(resolved_entries, tmp_path / "run")
+
+
+def states(resolved_run: History, name: str) -> list[TaskState]:
+    return [task.state for task in resolved_run.tasks.values() if task.name == name]
+
+
+def test_states_are_green_only_where_all_went_well(resolved_run: History) -> None:
+    assert states(resolved_run, "step") == [RESOLVED, RESOLVED, FAILED]
+    assert states(resolved_run, "walk") == [ACHIEVED, KILLED]
+    assert states(resolved_run, "swing") == [ACHIEVED, KILLED]
+    assert [bar.ending for bar in chart(resolved_run).bars() if bar.name == "step" and bar.ending] == [
+        Ending.RESOLVED,
+        Ending.RESOLVED,
+        Ending.FAILED,
+    ]
+    ends = [[*life_of(resolved_run, task)][-1] for task in resolved_run.tasks.values() if task.name == "step"]
+    assert [one.transition for one in ends] == [Outcome.RESOLVED, Outcome.RESOLVED, "failed"]
+    for looks in (COLOURS, FILLS):
+        assert len({looks[state] for state in (ACHIEVED, RESOLVED, FAILED)}) == 3
+
+
+def test_outcome_counts_a_resolved_top_level_task_apart(resolved_entries: list[Entry]) -> None:
+    assert outcome_of(resolved_entries).top == {ACHIEVED: 1, RESOLVED: 1, KILLED: 1}
+
+
+def test_every_tool_says_done_after_a_failure(path: Path, tca: Any) -> None:
+    for command in ("tree", "gantt", "stats"):
+        assert Outcome.RESOLVED in tca(command, path).stdout, command
+    tree = [line for line in tca("tree", path).stdout.splitlines() if "step {" in line]
+    assert [str(state) in line for state, line in zip((RESOLVED, RESOLVED, FAILED), tree, strict=True)] == [True] * 3
+    page = path.parent / "report.html"
+    assert not tca("report", path, "-o", page).exit_code
+    assert "s-resolved" in page.read_text()
+    assert "returned without dealing with the failure" in page.read_text()
+    kinds = [line.split()[1] for line in tca("log", "show", path).stdout.splitlines()]
+    assert (kinds.count("resolved"), kinds.count("recovered"), kinds.count("not")) == (2, 2, 1)
+
+
+def changed(resolved_entries: list[Entry], kind: type, becomes: Any) -> Iterator[Entry]:
+    """The journal with the facts of one kind as others, or without them."""
+    for entry in resolved_entries:
+        kept = [becomes(fact) if isinstance(fact, kind) else fact for fact in entry.facts]
+        yield msgspec.structs.replace(entry, facts=[fact for fact in kept if fact is not None])
+
+
+def test_check_finds_what_was_only_observed_and_recovered(resolved_entries: list[Entry]) -> None:
+    assert checked(resolved_entries) == []
+    unsaid = checked(changed(resolved_entries, facts.Resolved, lambda _: None))
+    assert {one.rule for one in unsaid} == {rules.RESOLVED.text}
+    green = checked(changed(resolved_entries, facts.NotResolved, lambda fact: facts.Recovered(fact.task, fact.handler)))
+    assert rules.RESOLVED.text in {one.rule for one in green}

@@ -11,9 +11,8 @@ from xml.etree import ElementTree as ET
 
 import pytest
 from click.testing import Result
-from tools.made_robots import stepping
+from tools.made_robots import asking, stepping
 from tools.story import COMMAND, Story, locking, stumbling, walking
-from tools.test_coping import asking
 
 from tca_tools.drawing.svg import width_of
 from tca_tools.gantt.axis import Scale

@@ -6,7 +6,7 @@ import click
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tools.story import PLANNING, THIS, Story, arcs, stumbling, walking
+from tools.story import PLANNING, Story, arcs, stumbling, walking
 
 from tca_tools.explain import wait_words
 from tca_tools.explain.story import story
@@ -16,11 +16,10 @@ from tca_tools.gantt.text import chart_lines
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fold import History
 from tca_tools.journal.lives import life_of
-from tca_tools.journal.records import HandlerWait, Offer, TaskState
+from tca_tools.journal.records import Offer
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
-from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.life_cycles import BASIC, GENERAL
 from tca_wire.points import Moment, TaskId
@@ -40,26 +39,6 @@ def test_the_tree_and_its_handlers() -> None:
     assert history.tasks[6].handlings[0].module == "controller"
 
 
-def test_why_a_queued_or_blocked_task_waits() -> None:
-    assert reasons(walking().fold(until=0.65), 2) == ["for gait planner, busy with traverse arc {1}"]
-    assert reasons(walking().fold(until=1.0), 2) == ["for the reply to elevation map {5}, which perception handles"]
-    story = Story()
-    story.queued(story.goal("dance", "user interface"))
-    assert reasons(story.fold(), 1) == ["for a module that handles dance"]
-
-
-def test_a_handler_that_waits_for_a_task() -> None:
-    story = Story()
-    first, second = story.goal("a", "x"), story.goal("b", "x")
-    story.delivered(second, "m").reached(second, Moment.START_ACHIEVING)
-    story.say(facts.WaitBegan("m", second, TaskId(first), Moment.END_PLANNING))
-    assert reasons(story.fold(), second) == ["until a {1} is planned"]
-    story.at(3.0).say(facts.WaitEnded("m", second, TaskId(first)))
-    history = story.fold()
-    assert [*history.handlings[0].waits] == [HandlerWait(1, 0.0, Moment.END_PLANNING, 3.0)]
-    assert reasons(history, second) == []
-
-
 def test_two_threads_of_a_module_wait_for_the_same_task() -> None:
     story = Story().module("script")
     task = TaskId(story.goal("walk", "script"))
@@ -68,15 +47,6 @@ def test_two_threads_of_a_module_wait_for_the_same_task() -> None:
     for time in (3.0, 4.0):
         story.at(time).say(facts.WaitEnded("script", 0, task))
     assert [wait.end for wait in story.fold().modules["script"].waits] == [4.0, 3.0]
-
-
-def test_a_failed_task_that_is_handled_anew_is_no_failure() -> None:
-    story = Story()
-    goal = story.goal("walk", "x", to="m")
-    story.failed(goal, "slip", "")
-    assert story.fold().tasks[goal].state is TaskState.FAILED
-    story.delivered(goal, "m")
-    assert story.fold().tasks[goal].state is TaskState.PLANNING
 
 
 def test_who_handles_what_in_which_format() -> None:
@@ -98,20 +68,6 @@ def test_a_module_that_is_lost_handles_nothing_any_more() -> None:
     assert RunAt(history).running("legs", "legs") == []
     assert history.modules["legs"].joined == [(0.0, 2.0)]
     assert history.modules["legs"].left == "killed"
-
-
-def test_a_broadcast_has_a_handling_for_each_receiver() -> None:
-    story = Story()
-    pose = story.received("pose", MessageClass.BROADCAST, "legs")
-    for delivery, module in ((2, "map"), (3, "screen")):
-        story.say(facts.Queued(delivery, pose, module, module), facts.Delivered(delivery, pose, module, module))
-    story.at(1.0).say(facts.Returned(2, Outcome.DONE, b""))
-    history = story.fold()
-    assert [(run.name, run.module, run.end) for run in history.messages[pose].handlings] == [
-        ("pose", "map", 1.0),
-        ("pose", "screen", None),
-    ]
-    assert [queue.message_id for queue in history.queueings] == [pose, pose]
 
 
 def test_a_journal_may_begin_in_the_middle() -> None:
@@ -197,50 +153,6 @@ def test_a_tree_may_be_as_deep_as_it_likes() -> None:
     assert dot_source(RunAt(history), rows, "deep").count(" -> ") == 1_999
 
 
-def test_a_copy_whose_listener_left_is_handled_no_longer() -> None:
-    story = Story().module("map", "pose")
-    pose = story.received("pose", MessageClass.BROADCAST, "legs")
-    story.say(facts.Delivered(9, pose, "map", "map")).at(1.0).say(facts.Dropped(9, "any", "it left"))
-    history = story.fold()
-    assert RunAt(history).running("map", "map") == []
-    assert [handling.end for handling in history.messages[pose].handlings] == [1.0]
-
-
-def test_a_message_waits_for_a_locked_resource_and_a_handler_for_its_lock() -> None:
-    story = Story().module("legs", "move").module("planner", "walk")
-    move, walk = story.command("move", "user"), story.goal("walk", "user")
-    story.delivered(walk, "planner").delivered(move, "legs")
-    story.at(1.0).say(facts.Claimed(20, "legs", "legs", False, "planner", walk))
-    assert reasons(story.fold(), walk) == ["for the lock of legs {20}, busy with move {1}"]
-    story.returned(move).say(facts.Granted(20))
-    other = story.command("move", "eyes")
-    story.queued(other, "legs")
-    assert reasons(story.fold(), walk) == []
-    assert reasons(story.fold(), other) == ["for legs, which planner has locked while handling walk {2}"]
-    assert reasons(story.at(1.5).returned(walk).fold(), other) == ["for legs, which planner has locked for walk {2}"]
-    story.at(2.0).say(facts.ClaimEnded(20, "released"), facts.Claimed(21, "legs", "legs", True, "eyes", 0))
-    story.say(facts.Granted(21)).delivered(move, "legs")
-    assert reasons(story.fold(), other) == ["for legs, busy with move {1}"]
-    claim = story.fold().claims[20]
-    assert (claim.start, claim.granted, claim.end, claim.ended) == (1.0, 1.0, 2.0, "released")
-
-
-def test_direct_messages_are_counted_and_shown_though_central_never_saw_them() -> None:
-    story = Story().module("map", "height").at(2.0)
-    story.say(facts.HandledDirectly("height", "map", "map", "walker", 0, 12, 1.5, 0.25, Outcome.DONE, ""))
-    story.say(facts.HandledDirectly("height", "map", "map", "walker", 0, 12, 1.75, 0.25, Outcome.FAILED, "fog"))
-    history = story.say(facts.LostDirectly("walker", "pose", 2), facts.LostDirectly("walker", "pose", 1)).fold()
-    assert [(one.name, one.direct_from, one.start, one.end, one.outcome) for one in history.handlings] == [
-        ("height", "walker", 1.25, 1.5, Outcome.DONE),
-        ("height", "walker", 1.5, 1.75, Outcome.FAILED),
-    ]
-    assert not history.messages
-    (row,) = chart(history).rows
-    assert [bar.ending for bar in row.handled] == ["", "failed"]
-    title = "height, directly from walker, handled by map from 1.250 s to 1.500 s, 250 ms"
-    assert row.handled[0].title() == title
-
-
 def test_a_note_of_a_direct_message_with_impossible_times() -> None:
     """A module may tell anything; what it handled began before it ended, and that before central was told."""
     story = Story().module("map", "height").at(2.0)
@@ -248,34 +160,6 @@ def test_a_note_of_a_direct_message_with_impossible_times() -> None:
         story.say(facts.HandledDirectly("height", "map", "map", "x", 0, 1, ended, seconds, Outcome.DONE, ""))
     handlings = story.at(3.0).fold().handlings
     assert [(one.start, one.end) for one in handlings] == [(1.5, 1.5), (1.5, 2.0), (0.0, 0.0), (1.5, 2.0), (0.0, 0.0)]
-
-
-def test_what_is_suspended_from_above_waits_for_that_to_be_resumed() -> None:
-    """However deep, and whatever else it would wait for: a queue, its parent, the one before it."""
-    story = Story().module("planner", "walk").module("legs", "move")
-    walk = story.goal("walk", "user", to="planner", begins=True)
-    step = story.goal("walk", "planner", walk)
-    first = story.command("move", "planner", step)
-    held = story.command("move", "planner", step, sequential_achievement(TaskId(first), THIS))
-    story.delivered(step, "planner").reached(step, Moment.START_ACHIEVING).returned(step).delivered(first, "legs")
-    queued = story.command("move", "planner", walk)
-    story.queued(queued, "legs").at(1.0).say(facts.SuspendedOrResumed(TaskId(walk), True))
-    late = story.at(2.0).command("move", "planner", step)
-    known = story.fold()
-    for task in (held, queued, late):
-        assert reasons(known, task) == [f"until walk {{{walk}}} is resumed"]
-    assert reasons(known, step) == [
-        f"until the handler of move {{{first}}} returns",
-        f"until walk {{{walk}}} is resumed",
-    ]
-    assert reasons(known, first) == []  # its handler runs on
-    assert reasons(story.fold(0.5), held) == [f"until move {{{first}}} is achieved"]
-    story.at(3.0).say(facts.SuspendedOrResumed(TaskId(walk), False))
-    assert reasons(story.fold(), held) == [f"until move {{{first}}} is achieved"]
-    story.at(4.0).say(facts.SuspendedOrResumed(TaskId(step), True))
-    known = story.fold()
-    assert reasons(known, held) == [f"until walk {{{step}}} is resumed"]
-    assert reasons(known, queued) == ["for legs, busy with move {3}"]
 
 
 def told_late() -> Story:
@@ -293,12 +177,6 @@ def told_late() -> Story:
         story.say(facts.Returned(number, Outcome.DONE, b"", ended))
     story.say(facts.Delivered(4, 4, "ear", "ear", 1, began=1.95))
     return story
-
-
-def test_handlers_ran_when_their_slot_says_so() -> None:
-    history = told_late().fold()
-    assert [(one.start, one.end) for one in history.handlings] == [(1.1, 1.6), (1.6, 1.7), (1.8, 1.9), (1.95, None)]
-    assert [(one.start, one.end) for one in history.queueings] == [(1.2, 1.6), (1.3, 1.8), (1.4, 1.95)]
 
 
 @pytest.mark.parametrize(

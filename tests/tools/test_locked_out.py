@@ -8,7 +8,6 @@ from central.player import Player
 from central.test_copies import CLIENTS, OPERATIONS, is_granted, join
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tools.made_robots import near
 from tools.story import Story
 
 from tca_tools.analysis.advice import advice
@@ -17,15 +16,12 @@ from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.queues import growing
 from tca_tools.analysis.resources import kept_out
 from tca_tools.analysis.summary import span_of
-from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fold import History
 from tca_tools.journal.whole_run import Run
 from tca_tools.report.contents import Contents, contents
-from tca_tools.tasktree_viz import words
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
 from tca_wire.packets import headers
-from tca_wire.points import Moment, TaskId
 from tca_wire.text.facts_in_words import called
 from tca_wire.vocabulary import MessageClass
 
@@ -74,52 +70,10 @@ def test_a_lock_of_all_copies_is_no_bottleneck_of_one() -> None:
     assert next(use for use in found.uses if use.name.startswith("legs")).locked > 10
 
 
-def locking(*, is_reserved: bool = False) -> Story:
-    """*go* locks the legs, while these still move for somebody else."""
-    story = Story().module("m", "go").module("legs", "move").at(1.0)
-    move = story.command("move", "user", to="legs")
-    go = story.at(2.0).command("go", "user", to="m")
-    story.at(3.0).say(facts.Claimed(50, "legs", "legs", is_reserved, "m", go))
-    story.at(6.0).achieved(move).say(facts.Granted(50))
-    return story.at(7.0).say(facts.ClaimEnded(50, "released")).achieved(go)
-
-
-@pytest.mark.parametrize("is_reserved", [False, True])
-def test_who_waits_for_what_nobody_has_locked_is_not_told_to_release_it(*, is_reserved: bool) -> None:
-    one = advised(contents(locking(is_reserved=is_reserved).fold()))[Topic.LOCK]
-    assert near(one.title, one.saving) == ("legs is busy when it is to be locked", 3.0)
-    assert one.remedy == "lock it when nothing is handled there, send it less before, or lock a smaller resource"
-    assert "busy with move {1}" in one.example
-
-
-def test_a_short_lock_does_not_make_a_long_queue() -> None:
-    """A move of 5 s, then a lock of half a second, then the move that waited for both."""
-    story = Story().module("m").module("legs", "move").at(1.0)
-    first, second = story.command("move", "user"), story.command("move", "user")
-    story.delivered(first, "legs").queued(second, "legs").at(6.0).returned(first)
-    story.reached(first, Moment.END_ACHIEVING).say(facts.Claimed(50, "legs", "legs", False, "m", 0), facts.Granted(50))
-    story.at(6.5).say(facts.ClaimEnded(50, "released")).delivered(second, "legs").at(7.5).achieved(second)
-    told = advised(contents(story.fold()))
-    assert (told[Topic.CAPACITY].title, Topic.LOCK in told) == ("legs is a bottleneck", False)
-
-
 def test_what_somebody_has_reserved_does_not_keep_out_what_he_sends() -> None:
     story = Story().module("m").module("legs", "move")
     run = story.at(1.0).say(facts.Claimed(50, "legs", "legs", True, "m", 0), facts.Granted(50)).at(9.0).fold()
     assert [kept_out(run, ("legs", "legs"), 2.0, 5.0, sender=who)[0] for who in ("m", "user")] == [0.0, 3.0]
-
-
-def test_a_lock_on_the_path_has_a_name() -> None:
-    """Somebody outside of any handler keeps what the handler wants to lock."""
-    story = Story().module("op").module("m", "go").module("legs", "move")
-    story.at(1.0).say(facts.Claimed(50, "legs", "legs", False, "op", 0), facts.Granted(50)).at(2.0)
-    go = story.command("go", "user", to="m")
-    story.at(3.0).say(facts.Claimed(51, "legs", "legs", False, "m", go))
-    story.at(6.0).say(facts.ClaimEnded(50, "released"), facts.Granted(51)).at(7.0).returned(go)
-    found = contents(story.reached(go, Moment.END_ACHIEVING).fold())
-    assert advised(found)[Topic.LOCK].title == "legs is locked while others wait"
-    assert found.path
-    assert [share.name for share in found.path.shares] == ["lock of legs", "go"]
 
 
 # --- any life ------------------------------------------------------------------------------------------------------
@@ -282,19 +236,3 @@ def test_what_is_locked_needs_shorter_locks_and_no_more_slots() -> None:
         story.at(2.0 + number).queued(story.received("frame", MessageClass.INFORM, "camera"), "eye")
     run = story.fold()
     assert growing(run, *span_of(run)) == []
-
-
-def test_how_long_a_task_has_been_queued_is_told_of_the_queue_that_it_is_in() -> None:
-    """It waits for busy legs, then for a module, then is suspended and goes back into the queue that it never left."""
-    story = Story().module("legs", "move")
-    first, second = (story.command("move", "user") for _ in range(2))
-    story.delivered(first, "legs").at(10.0).queued(second, "legs").at(70.0).queued(second)
-    story.at(72.0).say(facts.SuspendedOrResumed(TaskId(second), True)).at(80.0)
-    story.say(facts.SuspendedOrResumed(TaskId(second), False)).at(81.0).say(facts.Closed("done"))
-    run = story.fold()
-    told = [words.note(at := RunAt.by_clock(run, time), at.tasks[second]) for time in (69.0, 71.5, 81.0)]
-    assert told == [
-        "waits for legs, busy with move {1}, for 59 s",
-        "waits for a module that handles move, for 1.5 s",
-        "waits for a module that handles move, for 11 s",
-    ]

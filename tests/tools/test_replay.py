@@ -18,9 +18,9 @@ from click.testing import Result
 from rich.text import Text
 from textual.pilot import Pilot
 from textual.widgets import RichLog, Static
+from tools.made_robots import replacing
 from tools.runs import encoded, walk
 from tools.story import QUERY, Story, stumbling
-from tools.test_coping import replacing
 from tools.test_story import waiting_for_two
 
 from tca_tools.replay.app import Replay

@@ -15,14 +15,11 @@ from hypothesis import strategies as st
 from tools.runs import OPENED
 from tools.story import QUERY, Story, silent_for, walking
 
-from tca_tools.analysis.summary import summary
-from tca_tools.export.tables import TABLES
 from tca_tools.journal.fold import History
 from tca_tools.stats.__main__ import SORTS, stats
 from tca_tools.stats.measure import Stats, Times, measure
 from tca_wire.journal import facts
-from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Dropping, MessageClass, Outcome
+from tca_wire.vocabulary import MessageClass, Outcome
 
 
 def shown(*arguments: object, **environment: str) -> Result:
@@ -89,37 +86,6 @@ def test_a_quiet_run_that_goes_on_is_measured_until_now(tmp_path: Path) -> None:
     assert not json.loads(shown(run, "--json").stdout)["live"]
 
 
-def test_a_query_that_nobody_handles_is_open_until_it_is_dropped() -> None:
-    story = Story().at(1.0)
-    lost = story.received("where", QUERY, "x")
-    assert of(measure(story.fold()), "where").open == 1
-    story.at(2.0).say(facts.Dropped(lost, "any", "its sender left"))
-    assert [(one.open, one.dropped) for one in measure(story.fold()).messages] == [(0, 1)]
-
-
-def test_what_single_receivers_did_not_get_and_direct_ones_that_were_lost_are_dropped() -> None:
-    story = Story().module("map", "pose").at(1.0)
-    pose, alone = (story.received("pose", MessageClass.BROADCAST, "user") for _ in range(2))
-    full = Dropping.OVERLOAD
-    story.say(facts.Dropped(9, "pose", "10 wait", pose, dropping=full), facts.Dropped(8, "pose", "10 wait", pose))
-    story.say(facts.Dropped(alone, "pose", "nobody listens"))
-    story.at(2.0).say(facts.LostDirectly("user", "level", 519), facts.LostDirectly("user", "", 3))
-    run = story.fold()
-    assert {one.message: (one.sent, one.direct, one.dropped) for one in measure(run).messages} == {
-        "pose": (2, 0, 3),
-        "level": (519, 519, 519),
-    }
-    assert summary(run).dropped == [("level", 519), ("pose", 2)]
-    drops = next(table for table in TABLES if table.name == "drops")
-    assert [row[1:6] for row in drops.rows(run)] == [
-        (pose, "pose", True, 1, "overload"),
-        (pose, "pose", True, 1, None),
-        (alone, "pose", False, 1, None),
-        (None, "level", False, 519, None),
-        (None, None, False, 3, None),
-    ]
-
-
 def test_a_message_for_many_is_open_while_a_copy_of_it_waits_or_is_handled() -> None:
     """A variable that nobody watches is just set, and a broadcast to nobody is over."""
     player = Player()
@@ -157,34 +123,6 @@ def test_what_a_lost_module_had_ahead_has_failed(monkeypatch: pytest.MonkeyPatch
         "note": (2, 0, 1),
         "where": (2, 0, 0),
     }
-
-
-def test_a_failure_that_was_dealt_with_counts() -> None:
-    story = Story().module("legs", "walk").at(1.0)
-    walk = story.goal("walk", "x", to="legs")
-    story.at(2.0).failed(walk, "slip", "")
-    story.at(3.0).say(facts.Retried(TaskId(walk), b"", "user")).delivered(walk, "legs").at(5.0).returned(walk)
-    story.reached(walk, Moment.END_ACHIEVING)
-    walks = of(measure(story.fold()), "walk")
-    assert (walks.failed_runs, walks.failed, walks.handled) == (1, 0, 2)
-    assert (walks.handling.seconds, walks.to_end.seconds) == ([1.0, 2.0], [4.0])
-
-
-def test_how_busy_a_resource_was() -> None:
-    """Two slots: one busy for 4 s, of which it waits 1 s, the other for 2 s; a queue of two for half a second."""
-    story = Story().module("map", "where").say(facts.ResourceChanged("map", "map", 2)).at(0.0)
-    one, two = (story.goal("where", "x") for _ in range(2))
-    story.delivered(one, "map").delivered(two, "map")
-    three, four = (story.goal("where", "x") for _ in range(2))
-    story.queued(three, "map").queued(four, "map").at(0.5).say(facts.Unqueued(three), facts.Unqueued(four))
-    ask = story.at(1.0).received("what", QUERY, "map", origin=one, blocking=True)
-    story.at(2.0).say(facts.Answered(ask)).returned(two).at(4.0).returned(one)
-    story.say(facts.ModuleLeft("map", "it said goodbye"), facts.ResourceChanged("map", "map", 0)).at(8.0)
-    (resource,) = measure(story.fold()).resources
-    assert resource.use is not None
-    assert (resource.capacity, resource.longest_queue) == (2, 2)
-    assert (resource.use.busy, resource.use.waiting) == pytest.approx((6.0, 1.0))
-    assert resource.queued.seconds == pytest.approx([0.5, 0.5])
 
 
 def test_waits_that_go_on_count_until_now() -> None:
@@ -250,14 +188,3 @@ def test_percentiles_are_exact(seconds: list[float], share: int) -> None:
     assert found in seconds
     assert sum(one <= found for one in seconds) * 100 >= share * len(seconds)
     assert sum(one < found for one in seconds) * 100 < share * len(seconds)
-
-
-def test_waits_that_overlap_count_once() -> None:
-    story = Story().module("a", "plan").at(0.0)
-    plan = story.goal("plan", "x", to="a")
-    first = story.at(1.0).received("where", QUERY, "a", origin=plan, blocking=True)
-    second = story.at(2.0).received("where", QUERY, "a", origin=plan, blocking=True)
-    story.at(3.0).say(facts.Answered(first)).at(5.0).say(facts.Answered(second)).at(6.0).returned(plan)
-    use = measure(story.fold()).resources[0].use
-    assert use is not None
-    assert use.waiting == pytest.approx(4.0)

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.made_robots import fail
+from tools.made_robots import asking, fail, replacing
 from tools.story import Story
-from tools.test_coping import asking, replacing
 
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId

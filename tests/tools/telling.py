@@ -1,0 +1,399 @@
+"""What the tools tell of small runs: each in told/ is told event by event, and asked about in between.
+
+    # TITLE
+    at TIME                                   the next event
+    MODULE joins[, and handles MESSAGE, ...][ in RESOURCE]
+    CLASS MESSAGE {ID} from SENDER[ under TASK][ in DELIVERY][ and waits][ as ROLE of ID][ to MODULE[, and begins]]
+        [ with JSON][ where POINT <= POINT, ...]
+    queued ID[ for MODULE[ / RESOURCE]] | delivered ID to MODULE[ / RESOURCE] | returned ID[: OUTCOME][ with JSON]
+    failed ID: FAILURE[: TEXT] | achieved ID | reached ID: MOMENT, ... or all | asked by DELIVERY
+    KIND FIELD=JSON ...                       any other fact
+    ? QUESTION                                and the answers, indented
+
+A run may also be played by central: then each line is a command of its transcripts. See QUESTIONS for what can be asked.
+"""
+
+import json
+import re
+from collections.abc import Callable
+from functools import partial
+from typing import Any, get_args
+
+import msgspec
+from central.transcript import Transcript
+from central.transcript_words import constraints, read_fields
+from tools.runs import checked
+from tools.story import Story
+
+from tca_tools.analysis.backwards import Causes
+from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares
+from tca_tools.analysis.failures import failures
+from tca_tools.analysis.long_waits import long_waits
+from tca_tools.analysis.resources import uses
+from tca_tools.analysis.step_words import why_then
+from tca_tools.analysis.steps import Doing
+from tca_tools.analysis.summary import span_of, summary
+from tca_tools.explain.ends import causes
+from tca_tools.explain.story import story
+from tca_tools.explain.wait_words import in_the_end, last_of, reasons
+from tca_tools.export.tables import TABLES, Table
+from tca_tools.gantt.build import chart
+from tca_tools.journal.at_time import RunAt
+from tca_tools.journal.fates import begun_again_with, coped_with, fate, hinges, told_to, went_on
+from tca_tools.journal.fold import History
+from tca_tools.journal.lives import life_at, life_of
+from tca_tools.journal.selection import messages_of, waited_for
+from tca_tools.journal.whole_run import Run
+from tca_tools.log.classic import classic_lines
+from tca_tools.report.contents import contents
+from tca_tools.stats.measure import MessageStats, ResourceStats, Times, measure
+from tca_tools.tasktree_viz.failing import failure_chain
+from tca_tools.tasktree_viz.words import data, note
+from tca_wire.journal import facts
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome, Role
+
+KINDS = {one.__struct_config__.tag: one for one in get_args(facts.Fact)}
+CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
+
+
+def told(text: str) -> str:
+    """A run as in told/, with the answers to its questions."""
+    tale, played, lines = Story(), Transcript(), list[str]()
+    is_played = False
+    for line in text.splitlines():
+        if line.startswith("? "):
+            entries = played.player.entries if is_played else tale.caused()
+            lines += [line, *(f"  {one}".rstrip() for one in answers(entries, line[2:]) if one)]
+        elif not line.startswith("  "):
+            lines.append(line)
+            if not line.startswith("#") and not tell(tale, line):
+                is_played = True
+                played.play(line)
+    return "\n".join(lines)
+
+
+# --- a story ---------------------------------------------------------------------------------------------------------
+
+
+def tell(tale: Story, line: str) -> bool:
+    """Tell one line of a story; False if it is none."""
+    for pattern, do in TOLD:
+        if found := re.fullmatch(pattern, line):
+            do(tale, **{name: text for name, text in found.groupdict().items() if text is not None})
+            return True
+    kind = max((one for one in KINDS if line.startswith(f"{one} ")), key=len, default="")
+    if not kind:
+        return False
+    tale.say(KINDS[kind](**read_fields(KINDS[kind], line.removeprefix(kind))))
+    return True
+
+
+def joins(tale: Story, name: str, handles: str = "", resource: str = "") -> None:
+    tale.module(name, *filter(None, handles.split(", ")), resource=resource)
+
+
+def received(tale: Story, kind: str, message: str, number: str, sender: str, **more: str) -> None:
+    told = tale.received(
+        message, MessageClass(kind), sender, int(more.get("parent", 0)), *constraints(more["where"]) if "where" in more else (),
+        origin=int(more["origin"]) if "origin" in more else None, blocking="blocking" in more,
+        data=json.loads(more["data"]) if "data" in more else None, role=Role(more.get("role", "")),
+        about=int(more.get("about", 0)), to=more.get("to", ""), begins="begins" in more,
+    )  # fmt: skip
+    assert told == int(number), f"that is {told}"
+
+
+def returned(tale: Story, number: str, outcome: str = "done", data: str = "null") -> None:
+    tale.returned(int(number), Outcome(outcome), json.loads(data))
+
+
+def reached(tale: Story, number: str, moments: str) -> None:
+    tale.reached(int(number), *(Moment if moments == "all" else map(moment, moments.split(", "))))
+
+
+def moment(words: str) -> Moment:
+    return Moment[words.upper().replace(" ", "_")]
+
+
+PLACE = r"(?P<module>.+?)(?: / (?P<resource>.+))?"
+JSON = r"(?: with (?P<data>[\[{\"\d-].*?))?"
+RECEIVED = (
+    rf"(?P<kind>{CLASSES}) (?P<message>.+?) \{{(?P<number>\d+)\}} from (?P<sender>.+?)(?: under (?P<parent>\d+))?"
+    r"(?: in (?P<origin>\d+))?(?P<blocking> and waits)?(?: as (?P<role>[a-z ]+) of (?P<about>\d+))?"
+    rf"(?: to (?P<to>.+?)(?P<begins>, and begins)?)?{JSON}(?: where (?P<where>.+))?"
+)
+TOLD: list[tuple[str, Callable[..., object]]] = [
+    (r"at (?P<time>[\d.]+)", lambda tale, time: tale.at(float(time))),
+    (r"(?P<name>.+?) joins(?:, and handles (?P<handles>.+?))?(?: in (?P<resource>.+))?", joins),
+    (RECEIVED, received),
+    (rf"queued (?P<number>\d+)(?: for {PLACE})?", lambda tale, number, **where: tale.queued(int(number), **where)),
+    (rf"delivered (?P<number>\d+) to {PLACE}", lambda tale, number, **where: tale.delivered(int(number), **where)),
+    (rf"returned (?P<number>\d+)(?:: (?P<outcome>[a-z]+))?{JSON}", returned),
+    (
+        r"failed (?P<number>\d+): (?P<failure>.+?)(?:: (?P<text>.*))?",
+        lambda tale, number, **how: tale.failed(int(number), **how),
+    ),
+    (r"achieved (?P<number>\d+)", lambda tale, number: tale.achieved(int(number))),
+    (r"reached (?P<number>\d+): (?P<moments>.+)", reached),
+    (r"asked by (?P<number>\d+)", lambda tale, number: tale.asked_by(int(number))),
+]
+
+
+# --- questions -------------------------------------------------------------------------------------------------------
+
+
+def answers(entries: list[facts.Entry], question: str) -> list[str]:
+    """A question is a word, a task or message, a moment, one until which more is known, and when the journal ends:
+    "fate 3 at 2.5 known 4 until 5".
+    """
+    found = re.fullmatch(r"(\w+)(?: (\d+))?(?: at ([\d.]+))?(?: known ([\d.]+))?(?: until ([\d.]+))?", question)
+    assert found, question
+    word, number, at, known, until = found.groups()
+    about: dict[str, Any] = {"number": int(number)} if number is not None else {}
+    if word in OF_ENTRIES:
+        return OF_ENTRIES[word](entries) or ["-"]
+    about |= {name: float(text) for name, text in (("at", at), ("known", known)) if text is not None}
+    return QUESTIONS[word](History.until(entries, float(until) if until else None), **about) or ["-"]
+
+
+def at_moment(run: Run, at: float | None) -> RunAt:
+    return RunAt(run) if at is None else RunAt.by_clock(run, at)
+
+
+def story_of(run: Run, number: int, at: float | None = None) -> list[str]:
+    """All that happened to a message; as it was told at a moment."""
+    if at is not None:
+        return [f"{one.time:g} {one.by(at, at)}" for one in story(run, number, at) if one.time <= at]
+    took = [
+        " ..." if one.is_open else "" if one.seconds is None else f" ({one.seconds:.3g} s)"
+        for one in story(run, number)
+    ]
+    return [f"{one.time:g}{lasts} {one.text}" for one, lasts in zip(story(run, number), took, strict=True)]
+
+
+def row(run: Run, number: int, at: float | None = None) -> list[str]:
+    """What the tree says of a task: how it stands, and its note."""
+    then = at_moment(run, at)
+    task = then.tasks[TaskId(number)]
+    return [", ".join(filter(None, (task.standing, data(task), note(then, task))))]
+
+
+def states(run: Run, number: int) -> list[str]:
+    """The states of a task."""
+    return [f"{time:g} {state}" for time, state in run.tasks[TaskId(number)].states]
+
+
+def end(run: Run, number: int, at: float | None = None) -> list[str]:
+    """What a task waits for in the end."""
+    then = at_moment(run, at)
+    return [str(in_the_end(then, then.tasks[TaskId(number)]) or "-")]
+
+
+def all_causes(run: Run, at: float | None = None) -> list[str]:
+    """What all tasks wait for in the end."""
+    then = at_moment(run, at)
+    waiting, things, found = causes(then)
+    told = [f"{last_of(then, one.ends[0])}: {one.tasks}, first {one.first}" for one in found]
+    return [f"{waiting} wait for {things}", *told]
+
+
+def chain(run: Run, number: int, at: float | None = None) -> list[str]:
+    """A failure, step by step."""
+    links = failure_chain(run, TaskId(number), run.time if at is None else at)
+    return [f"{one.time:g} {'  ' * one.depth}{one.text}" for one in links]
+
+
+def all_failures(run: Run) -> list[str]:
+    """The failures of a run, and what became of them."""
+    told = []
+    for kind in failures(run):
+        told.append(f"{kind.failure} of {kind.message}{' (overcome)' * kind.is_good}, cost {kind.cost:.3g} s")
+        for one in kind.cases:
+            why = f" ({one.why})" if one.why else ""
+            told.append(f"  {one.time:g} {one.of}: {one.text!r} raised {one.raised_by or '-'}: {one.fate.name}{why}")
+            told += [f"    {text}" for text in one.called]
+            told.append(f"    {one.lost:.3g} s lost, {one.recovery:.3g} s of recovery")
+    return [*told, "so the run is " + ("good" if summary(run).is_good else "bad")]
+
+
+def fate_of(run: Run, number: int, at: float, known: float = float("inf")) -> list[str]:
+    """What became of a failure at a moment."""
+    failed = run.messages[number]
+    told = [
+        fate(run, failed, at, known).name,
+        "goes on" if went_on(run, failed, at, known) else "ends",
+        told_to(run, failed, at, known),
+    ]
+    if task := run.tasks.get(TaskId(number)):
+        again = begun_again_with(run, task, at, known)
+        told.append(f"begun again with {again}" if again else "")
+    told.append(f"depends on {len(hinges(run, failed, at))}")
+    return ["; ".join(filter(None, told))]
+
+
+def coped(run: Run, number: int, at: float) -> list[str]:
+    return [str(coped_with(run, run.messages[number], at))]
+
+
+def path(run: Run, number: int = 0) -> list[str]:
+    """The critical path of a task (by default of the last one), and why no step began sooner."""
+    task = run.tasks[TaskId(number)] if number else last_task(run)
+    if task is None:
+        return []
+    found = critical_path(run, Causes(run), task)
+    told = []
+    for step in found.steps:
+        what = run.name(step.message_id) if step.doing is Doing.WORK else str(step.doing)
+        why = why_then(run, step)
+        told.append(
+            f"{step.start:g} to {step.end:g}: {what}{f' in {step.module}' if step.module else ''}{f': {why}' if why else ''}"
+        )
+    told += [f"because {one}" for one in found.because]
+    return [*told, "..."] if found.is_open else told
+
+
+def where_time_went(run: Run, number: int = 0) -> list[str]:
+    task = run.tasks[TaskId(number)] if number else last_task(run)
+    assert task
+    found = shares(run, critical_path(run, Causes(run), task))
+    return [f"{one.name} in {one.where or '-'}: {one.steps}, {one.seconds:.3g} s" for one in found]
+
+
+def waits(run: Run) -> list[str]:
+    """The longest waits of each kind."""
+    told = []
+    for kind in long_waits(run):
+        told.append(f"{kind.kind}: {kind.number}, {kind.seconds:.3g} s")
+        told += [f"  {one.who} {one.what} ({one.seconds:.3g} s{', goes on' * one.is_open})" for one in kind.longest]
+    return told
+
+
+def all_reasons(run: Run, number: int, at: float | None = None) -> list[str]:
+    then = at_moment(run, at)
+    return reasons(then, then.tasks[TaskId(number)])
+
+
+def advice(run: Run) -> list[str]:
+    told = []
+    for one in contents(run).advice:
+        told.append(
+            f"{one.topic}: {one.title}; saves {one.saving:.3g} s, {one.on_path:.3g} s on the path, {one.times} times"
+        )
+        told += [f"  {text}" for text in (one.text, one.remedy, one.example, one.sooner) if text]
+    return told
+
+
+def bars(run: Run) -> list[str]:
+    """The bars of the chart: where, how they end, what they say when pointed at, and their marks."""
+    told = []
+    for row in chart(run).rows:
+        for bar in (*row.queued, *row.handled):
+            told.append(f"{bar.start:g} to {bar.end:g} {bar.ending.name if bar.ending else '-'}: {bar.title()}")
+            told += [f"  {mark.time:g} {mark.title}" for mark in bar.marks]
+    return told
+
+
+def in_short(run: Run) -> list[str]:
+    """The outcome of a run."""
+    found, named = summary(run), {"last": last_task(run), "longest": longest_task(run)}
+    is_good = "good" if found.is_good else "not good"
+    return [
+        f"{found.outcome} ({is_good}; {found.failures} failures, {found.modules} modules, {found.start:g} to {found.end:g})",
+        ", ".join(f"{number} {state}" for state, number in found.tasks.items()),
+        ", ".join(f"{title} {task}" for title, task in named.items()),
+        *(f"dropped: {number} of {message}" for message, number in found.dropped),
+    ]
+
+
+def runs(run: Run) -> list[str]:
+    """When handlers ran, and what waited and was locked when."""
+    told = []
+    for one in run.handlings:
+        whose = f", directly from {one.direct_from}" if one.direct_from else ""
+        told.append(
+            f"{one.name} in {one.module}{whose}: {one.start:.6g} to {one.end and f'{one.end:.6g}'} {one.outcome}"
+        )
+        told += [f"  waits for {wait.awaited} from {wait.start:.6g} to {wait.end}" for wait in one.waits]
+    told += [
+        f"{one.message_id} queued for {one.module}: {one.start:.6g} to {one.end and f'{one.end:.6g}'}"
+        for one in run.queueings
+    ]
+    return told + [
+        f"claim of {one.resource}: {one.start:g}, {one.granted}, {one.end} {one.ended}" for one in run.claims.values()
+    ]
+
+
+def all_uses(run: Run) -> list[str]:
+    """How busy resources were."""
+    return [
+        f"{one.name} of {one.key[0]}: {one.handled} handled, {one.busy:.3g} s busy ({one.share:.0%} of {one.capacity}), locked"
+        f" {one.locked:.3g} s; {one.queued} queued for {one.queue_seconds:.3g} s, at most {one.longest_queue}, now {one.waiting}"
+        for one in uses(run, *span_of(run))
+    ]
+
+
+def life(run: Run, number: int, at: float | None = None) -> list[str]:
+    """The changes of a task's state; what is known of it at a moment."""
+    task = run.tasks[TaskId(number)]
+    if at is None:
+        return [f"{one.time:g} {one.transition} by {one.by}: {one.state}, {one.serial}" for one in life_of(run, task)]
+    then = life_at(run, task, at)
+    told = {"progress": then.progress, "asked": then.asked, "data": RunAt(run, at).tasks[TaskId(number)].body}
+    known = [f"{name} {msgspec.msgpack.decode(text)}" for name, text in told.items() if text]
+    return [", ".join([f"{then.state}, {then.serial}", *known])]
+
+
+def messages(run: Run, number: int) -> list[str]:
+    """All that belong to a task."""
+    return [f"{run.name(one)} {{{one}}}" for one in sorted(messages_of(run, [TaskId(number)]))]
+
+
+def waited(run: Run, number: int) -> list[str]:
+    """All that a message waited for."""
+    return [str(int(one)) for one in sorted(waited_for(run, TaskId(number), {TaskId(number)}))]
+
+
+def figures(run: Run, at: float | None = None) -> list[str]:
+    """Counts and times, of the part that begins at a moment."""
+    found = measure(run, start=at)
+    told = [f"{found.deadlocks} deadlocks"]
+    every: list[MessageStats | ResourceStats] = [*found.messages, *found.resources]
+    for one in every:
+        known = {name: getattr(one, name) for name in one.__slots__ if getattr(one, name)}
+        counts = [f"{value} {name}" for name, value in known.items() if isinstance(value, int)]
+        times = [
+            f"{name} {', '.join(f'{second:.3g}' for second in value.seconds)}{f' ({len(value.going_on)} go on)' * bool(value.going_on)}"
+            for name, value in known.items() if isinstance(value, Times) and value.seconds
+        ]  # fmt: skip
+        use = (
+            [f"busy {one.use.busy:.3g}, waiting {one.use.waiting:.3g}"]
+            if isinstance(one, ResourceStats) and one.use
+            else []
+        )
+        named = one.message if isinstance(one, MessageStats) else f"resource {one.resource or 'of nobody'}"
+        told.append("; ".join([f"{named}: {', '.join(counts)}", *times, *use]))
+    return told
+
+
+def rows(table: Table, run: Run) -> list[str]:
+    """The rows of an exported table, without empty cells."""
+    return [
+        ", ".join(f"{name} {cell}" for name, cell in zip(table.columns, row, strict=True) if cell is not None)
+        for row in table.rows(run)
+    ]
+
+
+def check(entries: list[facts.Entry]) -> list[str]:
+    return [f"{one.rule}: {one.what}" for one in checked(entries)]
+
+
+OF_ENTRIES: dict[str, Callable[[list[facts.Entry]], list[str]]] = {
+    "check": check, "classic": lambda entries: list(classic_lines(entries)),
+}  # fmt: skip
+QUESTIONS: dict[str, Callable[..., list[str]]] = {
+    "story": story_of, "row": row, "states": states, "end": end, "causes": all_causes, "chain": chain, "failures": all_failures,
+    "fate": fate_of, "coped": coped, "path": path, "shares": where_time_went, "waits": waits, "reasons": all_reasons,
+    "advice": advice, "bars": bars, "summary": in_short, "runs": runs, "uses": all_uses, "life": life,
+    "messages": messages, "waited": waited, "figures": figures,
+    **{f"table_{table.name}": partial(rows, table) for table in TABLES},
+}  # fmt: skip
