@@ -8,8 +8,8 @@ from pathlib import Path
 
 from setuptools import setup
 
-PURE = {"__init__", "__main__", "events", "invariants", "loading"}
-"""Modules that stay Python: msgspec makes the classes of events itself; invariants are for tests."""
+PURE = {"__init__", "__main__", "events", "loading"}
+"""Modules that stay Python: msgspec makes the classes of events itself."""
 
 
 def core() -> list[str]:

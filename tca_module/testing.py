@@ -10,7 +10,7 @@
             central.advance(60)
             assert central.transcript() == expected
 
-``LocalCentral(check=True)`` is for tests of central itself.
+``LocalCentral(check=...)`` is for tests of central itself.
 """
 
 import itertools
@@ -18,13 +18,12 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import Any, Self
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, Event, Record, RequestReceived, Tick
-from tca_central.invariants import check_invariants
 from tca_module import checks
 from tca_module.errors import MisuseError, Timeout
 from tca_module.sockets.transport import Waker
@@ -54,9 +53,11 @@ class LocalCentral:
     times that locks wait, ``every``, ``after`` and the sleeps of tasks; ``timeout=`` of other waits takes real seconds.
     """
 
-    def __init__(self, epoch: str = "local", *, check: bool = False, stepped: bool = False) -> None:
-        """With *check* central's own invariants are checked after every event, for small trees (AssertionError)."""
-        self._is_checked = check
+    def __init__(
+        self, epoch: str = "local", *, check: Callable[[Central], None] | None = None, stepped: bool = False
+    ) -> None:
+        """*check* is called with central after every event."""
+        self._check = check
         self.is_stepped = stepped
         self.address = f"local central '{epoch}'"
         self.entries: list[Entry] = []  #: the journal
@@ -259,8 +260,8 @@ class LocalCentral:
         for transport, items in told.items():
             for _, packet in packets(items):
                 transport.arrive(packet)
-        if self._is_checked:
-            check_invariants(self.core)
+        if self._check is not None:
+            self._check(self.core)
 
 
 class LocalTransport:

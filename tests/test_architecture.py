@@ -147,7 +147,6 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "inputs": {"events"},
         "shell": {"core", "errors", "events", "image", "inputs", "model"},
         "__main__": {"core", "errors", "loading", "shell"},
-        "invariants": {"control", "model", "order", "outgoing", "state", "watching"},
     },
     "tca_behaviours.missions": {
         "outcomes": set(),

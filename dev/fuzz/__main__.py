@@ -11,7 +11,6 @@ import tempfile
 from pathlib import Path
 
 OURS = ["tca_wire", "tca_central", "tca_module", "tca_tools.supervise"]
-UNGUIDED = ["tca_central.invariants"]
 
 
 def main() -> None:
@@ -31,7 +30,7 @@ def main() -> None:
         import atheris  # noqa: PLC0415 - it has wheels for some systems only
     except ImportError:
         sys.exit("atheris is not installed: pip install 'tca-central[fuzz]' (Linux on x86-64 only)")
-    with atheris.instrument_imports(include=OURS, exclude=UNGUIDED):
+    with atheris.instrument_imports(include=OURS):
         target = _target(asked.target)
     with tempfile.TemporaryDirectory() as seeds:
         for number, seed in enumerate(target.seeds()):

@@ -16,6 +16,7 @@ import msgspec
 
 from dev.fuzz.choices import Choices
 from dev.fuzz.grammar import Grammar, damaged
+from dev.invariants import check_invariants
 from tca_central.core import Central
 from tca_central.events import (
     Arrived,
@@ -33,7 +34,6 @@ from tca_central.events import (
 from tca_central.image.decoder import decode
 from tca_central.image.encoder import encode, may_be_taken
 from tca_central.inputs import events_of
-from tca_central.invariants import check_invariants
 from tca_central.shell.log_lines import LogLines
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry, Opened
 from tca_wire.journal.records import JournalReader, record

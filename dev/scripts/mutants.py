@@ -26,7 +26,7 @@ import click
 
 ROOT = Path(__file__).parents[2]
 CORE = ROOT / "tca_central"
-NOT_THE_CORE = ("shell", "__main__.py", "__init__.py", "invariants.py")
+NOT_THE_CORE = ("shell", "__main__.py", "__init__.py")
 NEEDED = ("tca_*", "tests", "dev", "setup.cfg", "pyproject.toml")
 """The files that tests/central needs to run."""
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dev.invariants import check_invariants
 from robots.ambler_sim.layers import footfall, planners, stability, terrain_contact, tip_over
 from robots.ambler_sim.layers.footfall import FOOTFALL_CHECK
 from robots.ambler_sim.layers.stability import STABILITY_CHECK, UNSTABLE_MOVE
@@ -71,7 +72,7 @@ def central(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCent
     )  # fmt: skip
     for program in (gait_planner, scanner, mapper):
         monkeypatch.setattr(program, "memory", type(program.memory)())
-    with LocalCentral(check=True) as local, ExitStack() as stack:
+    with LocalCentral(check=check_invariants) as local, ExitStack() as stack:
         for module in (*walkers, *LAYERS, error_recovery.recovery):
             monkeypatch.setattr(module, "central", local)
             stack.enter_context(module.running())

@@ -8,9 +8,9 @@ from typing import Any, Self
 import msgspec
 import pytest
 
+from dev.invariants import check_invariants
 from tca_central.core import Central
 from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Effect, Record, RequestReceived, Tick, Transmit
-from tca_central.invariants import check_invariants
 from tca_central.loading import is_compiled
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Entry

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from central.player import Player, point
 
+from dev.invariants import check_invariants
 from tca_central.events import ConnectionId, ConnectionLost, LimitsSet
-from tca_central.invariants import check_invariants
 from tca_central.model import registry
 from tca_central.model.answers import REMEMBERED_ANSWERS
 from tca_central.model.budget import ANSWER_BYTES, TASK_BYTES

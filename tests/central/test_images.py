@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from properties.life import Life, operation
 from properties.life_of_states import LifeOfStates
 
+from dev.invariants import check_invariants
 from tca_central.core import Central
 from tca_central.errors import ImageError
 from tca_central.events import ConnectionId, Effect
@@ -27,7 +28,6 @@ from tca_central.image import container, layout
 from tca_central.image.decoder import decode
 from tca_central.image.encoder import encode, may_be_taken
 from tca_central.image.shapes import ObjectShape, ValueShape
-from tca_central.invariants import check_invariants
 from tca_central.model.resources import Resource
 from tca_central.model.stored import Stored
 from tca_wire.constraints import Flags

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from central.player import ANY, Player, before, point
 
+from dev.invariants import check_invariants
 from tca_central.control import keeping, steering
 from tca_central.events import DiskSpace
 from tca_central.failing import attaching
-from tca_central.invariants import check_invariants
 from tca_central.locks import claims
 from tca_central.model import registry
 from tca_central.order import dispatcher

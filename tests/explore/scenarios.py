@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from dev.invariants import check_invariants
 from tca_module import Recovery
 from tca_tools.explore import Property, Result, Scenario, Script, Task, explore, report
 from tca_wire.messages.controls import ExceptionHandler, PollingMonitor
@@ -26,14 +27,14 @@ GAUGE = PollingMonitor("gauge", condition=IS_LOW)
 
 def good(scenario: Scenario, *properties: Property, **options: Any) -> Result:
     """That all properties hold in all runs."""
-    result = explore(scenario, *properties, **options)
+    result = explore(scenario, *properties, check=check_invariants, **options)
     assert result.ok, report(result)
     return result
 
 
 def found(scenario: Scenario, *properties: Property, **options: Any) -> str:
     """The counterexample; there is one."""
-    result = explore(scenario, *properties, **options)
+    result = explore(scenario, *properties, check=check_invariants, **options)
     assert result.violation is not None, report(result)
     return report(result)
 

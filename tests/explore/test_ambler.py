@@ -13,6 +13,7 @@ import pytest
 from explore.scenarios import good
 
 import tca_tools.explore as tca
+from dev.invariants import check_invariants
 from robots.ambler_sim import messages
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.modules import (
@@ -200,7 +201,7 @@ def orders(world: tca.World) -> Orders:
 def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
     """The orders of a walk of three steps by the real modules; the third is planned while the first is walked."""
     robot, known, found = make_robot("kinematic"), JournalWorld([], is_whole=True), set()
-    with LocalCentral(check=True) as central, ExitStack() as stack:
+    with LocalCentral(check=check_invariants) as central, ExitStack() as stack:
         move_leg = robot.move_leg
 
         def move_when_planned(*arguments: Any, **options: Any) -> Any:

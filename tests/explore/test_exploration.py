@@ -10,6 +10,7 @@ from explore.scenarios import NOTE, REST, STEP, WALK, WHERE, found, good, walkin
 from explore.test_good import polled
 
 import tca_tools.explore as tca
+from dev.invariants import check_invariants
 from tca_central.core import Central
 from tca_central.model.resources import Queue
 from tca_module import TaskFailed, TaskKilled
@@ -85,7 +86,7 @@ def test_centrals_own_invariants_are_checked(monkeypatch: pytest.MonkeyPatch) ->
 
     good(walking(never_stuck()))
     monkeypatch.setattr(Queue, "mark_void", left)
-    result = tca.explore(walking(never_stuck()))
+    result = tca.explore(walking(never_stuck()), check=check_invariants)
     assert result.violation is not None
     assert result.violation.broken == "central's own invariants"
     assert result.violation.why

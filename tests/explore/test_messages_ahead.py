@@ -10,6 +10,7 @@ from explore.with_ahead import Street
 from msgspec.structs import replace
 
 import tca_tools.explore as tca
+from dev.invariants import check_invariants
 from tca_central.model.resources import Resource
 from tca_central.order.ahead import MessagesAhead
 from tca_module.session import joined_replies
@@ -25,7 +26,7 @@ Make = Callable[[int | None], Street]
 def compared(make: Make) -> tca.Result:
     """The runs with two messages ahead; what comes of one and of none without is a violation."""
     without = good(make(0).scenario, never_stuck())
-    result = tca.explore(make(2).scenario, never_stuck())
+    result = tca.explore(make(2).scenario, never_stuck(), check=check_invariants)
     new = [actions for outcome, actions in result.outcomes.items() if outcome not in without.outcomes]
     if not new:
         return result

@@ -18,10 +18,10 @@ import pytest
 import zmq
 from integration.programs import Central, central, program, tca
 
+from dev.invariants import check_invariants
 from tca_central import core
 from tca_central.errors import CentralError
 from tca_central.events import ConnectionId, RequestReceived, Transmit
-from tca_central.invariants import check_invariants
 from tca_central.shell import images
 from tca_central.shell.log_writer import Sync
 from tca_central.shell.recovery import recover, unfinished

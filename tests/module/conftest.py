@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import pytest
 from module.robot import Robot
 
+from dev.invariants import check_invariants
 from tca_module import Client, Module, connect, module
 from tca_module.link import connection, keepalive
 from tca_module.session import session
@@ -14,7 +15,7 @@ from tca_module.testing import LocalCentral
 @pytest.fixture
 def central(request: pytest.FixtureRequest) -> Iterator[LocalCentral]:
     """Its clock is stepped by the tests of a module that says STEPPED."""
-    with LocalCentral(check=True, stepped=getattr(request.module, "STEPPED", False)) as central:
+    with LocalCentral(check=check_invariants, stepped=getattr(request.module, "STEPPED", False)) as central:
         yield central
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from module.real_central import SOON, RealCentral, until
 
+from dev.invariants import check_invariants
 from tca_module import (
     Client,
     Command,
@@ -83,7 +84,7 @@ class Robot:
 
 @pytest.fixture
 def robot() -> Iterator[tuple[Robot, Client]]:
-    with LocalCentral(check=True) as central:
+    with LocalCentral(check=check_invariants) as central:
         robot = Robot(central)
         with robot.legs.running(), robot.expert.running(), connect("user", central) as user:
             yield robot, user

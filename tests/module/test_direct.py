@@ -14,6 +14,7 @@ import zmq
 from module.real_central import SOON, Gate, RealCentral, until
 from module.robot import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 
+from dev.invariants import check_invariants
 from tca_module import (
     Callback,
     CentralLost,
@@ -425,7 +426,7 @@ def test_a_folder_that_is_too_deep_costs_the_direct_way_only(tmp_path: Path, cap
 
 
 def test_with_a_local_central_all_goes_through_its_core() -> None:
-    with LocalCentral(check=True) as central, connect("user", central) as user:
+    with LocalCentral(check=check_invariants) as central, connect("user", central) as user:
         module = Module("map", central)
         module.handles(HEIGHT, direct=True)(lambda _, x: -x)
         with module.running():

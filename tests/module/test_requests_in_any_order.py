@@ -7,6 +7,7 @@ from contextlib import suppress
 
 import pytest
 
+from dev.invariants import check_invariants
 from tca_module import (
     Change,
     Command,
@@ -112,7 +113,7 @@ class Customer(threading.Thread):
 
 def play(seed: int, customers: int, tasks: int) -> None:
     fickle = Fickle()
-    with LocalCentral(check=True) as central:
+    with LocalCentral(check=check_invariants) as central:
         band = Module("band", central)
         band.resource("drums", capacity=3)
         band.handles(PLAY, resource="drums", accepts=True, takes=["update", "cancel"])(fickle.play)

@@ -9,6 +9,7 @@ import pytest
 from module.real_central import SOON, Gate
 from module.robot import COLLISION, EXHAUSTED, MOVE_LEG, REST, STANCE, STEP, STOP, WALK, Arc, Footfall, Robot
 
+from dev.invariants import check_invariants
 from tca_module import (
     BadData,
     Client,
@@ -530,7 +531,7 @@ class Expedition:
 
 @pytest.fixture
 def expedition() -> Iterator[Expedition]:
-    with LocalCentral(check=True) as central:
+    with LocalCentral(check=check_invariants) as central:
         expedition = Expedition(central)
         with expedition.planner.running(), expedition.legs.running(), expedition.watcher.running():
             yield expedition

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import operation
 
+from dev.invariants import check_invariants
 from tca_central.core import Central
 from tca_central.events import Effect, RequestReceived, Tick
-from tca_central.invariants import check_invariants
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.order import ahead
 from tca_wire.packets import headers

@@ -15,6 +15,7 @@ from simulation.likeness import difference
 from simulation.network import PROBE, Network, Wire
 from simulation.options import Options
 
+from dev.invariants import check_invariants
 from tca_central.core import Central
 from tca_central.errors import CentralError, DiskFull
 from tca_central.events import (
@@ -31,7 +32,6 @@ from tca_central.events import (
 )
 from tca_central.image.encoder import encode, may_be_taken
 from tca_central.inputs import events_of
-from tca_central.invariants import check_invariants
 from tca_central.shell.images import write_image
 from tca_central.shell.input_log import IMAGE_SUFFIX, InputLog
 from tca_central.shell.journal_writer import JournalWriter

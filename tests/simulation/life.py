@@ -12,7 +12,7 @@ from simulation.threads import Process, Program
 from simulation.town import MODULES, Janitor, TownProgram, User
 from tools.runs import OPENED, checked
 
-from tca_central.invariants import check_invariants
+from dev.invariants import check_invariants
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
 import msgspec
 
-from tca_central.invariants import check_invariants
+from tca_central.core import Central
 from tca_central.loading import is_compiled
 from tca_tools.explore.errors import CentralFault, ExplorerError, ScenarioError
 from tca_tools.explore.observed.world import World, breach_in_words
@@ -33,15 +33,18 @@ KEPT_PLAYS = 500
 WATCHED_EVERY = 32
 """States that are gone on from between one call of *watch* and the next."""
 
+Watch = Callable[[int, int], None] | None
+Check = Callable[[Central], None] | None
+
 
 def explore(
-    scenario: Scenario, *properties: Property, limit: int = LIMIT, watch: Callable[[int, int], None] | None = None
+    scenario: Scenario, *properties: Property, limit: int = LIMIT, watch: Watch = None, check: Check = None
 ) -> Result:
     """Explore every run of *scenario*, until something is found that must not be, or *limit* states were seen.
 
-    Checks the properties of the scenario, these further *properties*, and central's own invariants. *watch* is called
-    from time to time with how many states were seen, and how many of them are still to be left. Raises ScenarioError if
-    a script can't be played.
+    Checks the properties of the scenario and these further *properties*. *watch* is called from time to time with the
+    number of states that were seen, and of those still to be left. *check*, for tests of central itself, is called with
+    it in each new state, and raises AssertionError. Raises ScenarioError if a script can't be played.
     """
     if is_compiled():
         raise ExplorerError(
@@ -55,7 +58,7 @@ def explore(
     _check_module_names(scenario, judged)
     detail = Detail()
     while True:
-        exploration = _Exploration(scenario, judged, limit, detail, watch)
+        exploration = _Exploration(scenario, judged, limit, detail, watch, check)
         try:
             return in_worker_thread(exploration.run)
         except _MoreDetail as more:
@@ -72,12 +75,13 @@ class _MoreDetail(BaseException):
 
 class _Exploration:
     def __init__(self, scenario: Scenario, properties: tuple[Property, ...], limit: int, detail: Detail,
-                 watch: Callable[[int, int], None] | None) -> None:  # fmt: skip
+                 watch: Watch, check: Check) -> None:  # fmt: skip
         self.scenario = scenario
         self.properties = properties
         self.limit = limit
         self.detail = detail
         self.watch = watch
+        self.check = check
         self.known: dict[bytes, SearchState] = {}
         self.frontier: deque[SearchState] = deque()
         self.steps = 0
@@ -171,10 +175,11 @@ class _Exploration:
                 before.ways.append(Way(action, known or state, carried(waited, play)))
         if known is not None:
             return None
-        try:
-            check_invariants(play.central)
-        except AssertionError as error:
-            return Violation("central's own invariants", str(error), state.actions())
+        if self.check is not None:
+            try:
+                self.check(play.central)
+            except AssertionError as error:
+                return Violation("central's own invariants", str(error), state.actions())
         self.used.update(play.central.registry.messages)
         self.known[key] = state
         self.frontier.append(state)

@@ -1,7 +1,7 @@
 """Invariants of central between two events: the Z schemas of the TCA paper and our own bookkeeping.
 
-Costs a walk over everything; for tests. The schemas are those of the paper's section "Design and Analysis Tools"; where
-the scan contradicts itself (a child's constraints inside its parent's) we take what TCA did: children inherit.
+Costs a walk over everything. The schemas are those of the paper's section "Design and Analysis Tools"; where the scan
+contradicts itself (a child's constraints inside its parent's) we take what TCA did: children inherit.
 """
 
 import itertools
