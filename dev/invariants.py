@@ -4,7 +4,6 @@ Costs a walk over everything. The schemas are those of the paper's section "Desi
 contradicts itself (a child's constraints inside its parent's) we take what TCA did: children inherit.
 """
 
-import itertools
 from collections import Counter, defaultdict
 
 from tca_central.control.steering import PendingKill
@@ -36,7 +35,6 @@ def check_invariants(central: State) -> None:
     for task in central.tree.tasks.values():
         _check_place(central, task)
         _check_family(task)
-        _check_guard(central, task)
         _check_order(task)
         _check_delivery(central, task)
         _check_suspension(central, task)
@@ -132,17 +130,6 @@ def _check_place(central: State, task: Task) -> None:
     assert (task.rare.guests if task.rare else 0) == sum(child.is_guest for child in children), f"{task}: guests"
     unplanned = sum(child.is_goal and not child.reached & END_PLANNING for child in children)
     assert task.unplanned == unplanned, f"{task}: {task.unplanned} children to plan"
-
-
-def _check_guard(central: State, task: Task) -> None:
-    """Between a task and its guard, if that counts, nothing has exception handlers."""
-    guard = task.guard
-    if guard is None or guard.age != central.tree.guards.age:
-        return
-    lineage = [*task.lineage(), central.tree.root]
-    assert guard.task in lineage, f"{task}: its guard is not above it"
-    between = itertools.takewhile(lambda one: one is not guard.task, lineage)
-    assert not any(one.has_exception_handlers for one in between), f"{task}: exception handlers are passed over"
 
 
 def _check_family(task: Task) -> None:

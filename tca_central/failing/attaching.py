@@ -65,12 +65,7 @@ def attach(central: State, wanted: Attachment, place: Task | MessageType, by: Mo
     attached = AttachedHandler(central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place, by.called)
     copies = before.holders.values() if before is not None else ()
     attached.holders = {one.name: one for one in (*copies, by.holder) if one.run in central.registry.modules}
-    is_first = not others
     others.append(attached)
-    if isinstance(place, Task):
-        central.tree.guards.attached_to(place)
-    elif is_first and central.tree.tasks:
-        central.tree.guards.begin_age()
     central.attached[attached.id] = attached
     task, message = (TaskId(place.id), "") if isinstance(place, Task) else (ROOT, place.name)
     central.facts.append(facts.Attached(attached.id, attached.failure, handler.name, task, message, attached.maximum))

@@ -9,6 +9,7 @@ once when the handler reissues the failure, or fails itself, not by choice and w
 task has ended.
 """
 
+from collections import Counter
 from collections.abc import Iterator
 
 from tca_central.errors import RequestError
@@ -110,9 +111,10 @@ def _call_handler(
 ) -> Task | None:
     """Call the nearest exception handler for a failure, the nearest after *below* where one could not deal with it."""
     central.tree.set_failure(task, (failure.name, failure.text, failure.body))
-    around = next(task.recoveries(), None)
-    passed = around.context.passed if around is not None else below.passed if below is not None else {}
-    trouble = _find(central, task, failure, below, passed)
+    exceptions = task.recoveries()
+    passed = exceptions[0].context.passed if exceptions else below.passed if below is not None else {}
+    nested = Counter(handler.context.attached.id for handler in exceptions)
+    trouble = _find(task, failure, below, passed, nested)
     if trouble is None:
         return None
     at, attached = trouble.at, trouble.attached
@@ -132,16 +134,17 @@ def _count_call(central: State, at: Task, attached: AttachedHandler) -> None:
 
 
 def _find(
-    central: State,
     task: Task,
     failure: RaisedFailure,
     below: FailureContext | None,
     passed: dict[tuple[int, str], None],
-) -> FailureContext | None:  # fmt: skip
-    """The nearest exception handler that may be called: one that is handled, and was not undecided before."""
+    nested: Counter[int],
+) -> FailureContext | None:
+    """The nearest exception handler that may be called: one that is handled, and was not undecided before. *nested* has
+    the number of its calls that the task is part of.
+    """
     names = ("", failure.name, *failure.kinds)
-    nested = _nested(task)
-    for at, attached in _candidates(central, task, below):
+    for at, attached in _candidates(task, below):
         if attached.failure not in names or not attached.handler.handlers:
             continue
         if (attached.id, failure.name) in passed:
@@ -150,15 +153,19 @@ def _find(
             continue  # its own retry was refused
         calls = at.rare.invocations.get(attached.id, 0) if at.rare else 0
         is_exhausted = attached.maximum and calls >= attached.maximum
-        if not is_exhausted and nested.get(attached.id, 0) < MOST_NESTED:
+        if not is_exhausted and nested[attached.id] < MOST_NESTED:
             return FailureContext(task, failure, at, attached, passed)
     return None
 
 
-def _candidates(central: State, task: Task, below: FailureContext | None) -> Iterator[tuple[Task, AttachedHandler]]:
+def _candidates(task: Task, below: FailureContext | None) -> Iterator[tuple[Task, AttachedHandler]]:
     """All exception handlers from *task* up, nearest first; only those after *below*, where a search goes on."""
-    for at in central.tree.guards.above(task if below is None else below.at):
+    above: Task | None = task if below is None else below.at
+    while above is not None:  # costs 0.1 ms where it is 1,000 tasks deep, and 10 at the greatest depth, 20,000
+        at, above = above, above.parent
         own = at.rare.attached if at.rare else []
+        if not (own or at.message.attached):
+            continue
         found = [*reversed(own), *reversed(at.message.attached)]
         if below is not None and at is below.at:  # its handler may have been removed meanwhile
             found = [one for one in found if _rank(one) > _rank(below.attached)]
@@ -170,23 +177,15 @@ def _rank(attached: AttachedHandler) -> tuple[bool, int]:
     return not isinstance(attached.place, Task), -attached.id
 
 
-def _nested(task: Task) -> dict[int, int]:
-    """For each attachment, how many of the tasks above are calls of it."""
-    found: dict[int, int] = {}
-    for handler in task.recoveries():
-        attachment = handler.context.attached.id
-        found[attachment] = found.get(attachment, 0) + 1
-    return found
-
-
 def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | None:
     """End the top-level task; or kill the exception handler around a failure that was not raised by choice, or that a
     retry leaves behind, and return it.
     """
-    undecided = next(task.recoveries(), None)
+    exceptions = task.recoveries()
+    undecided = exceptions[0] if exceptions else None
     if undecided is not None and NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)):
         above = undecided.context.failing.lineage()
-        undecided = undecided if any(_leaves_behind(one, task) for one in above) else None
+        undecided = undecided if any(_leaves_behind(one, exceptions) for one in above) else None
     central.facts.append(facts.Unhandled(TaskId(task.id), TaskId(undecided.id) if undecided else ROOT))
     verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=TaskId(task.id))
     if undecided is None:
@@ -204,10 +203,10 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
     return undecided
 
 
-def _leaves_behind(above: Task, task: Task) -> bool:
-    """Whether a task above is to be handled again, and not for an exception handler that a failing task is part of."""
+def _leaves_behind(above: Task, exceptions: list[Task]) -> bool:
+    """Whether a task above is to be handled again, and not for one of the exception handlers around a failing task."""
     askers = above.rare.retry_askers if above.rare is not None else {}
-    return above.retrying and askers.keys().isdisjoint(task.recoveries())
+    return above.retrying and askers.keys().isdisjoint(exceptions)
 
 
 def _with_undecided(first: RaisedFailure, undecided: Task, what: str) -> RaisedFailure:
@@ -220,8 +219,8 @@ def _with_undecided(first: RaisedFailure, undecided: Task, what: str) -> RaisedF
 
 def _end_top_level(central: State, task: Task, failure: RaisedFailure, verdict: Verdict) -> None:
     """The top-level task ends, and its sender is told of the failure."""
-    top = task.top or task
-    exceptions = list(task.recoveries())
+    *_, top = task.lineage()
+    exceptions = task.recoveries()
     is_of_its_handler = any(one.parent is top for one in exceptions)
     if top is not task and (top.failure is None or top.is_dealt_with or is_of_its_handler):
         text = f"in {task}: {failure.text}" if failure.text else f"in {task}"

@@ -44,7 +44,6 @@ from tca_central.model.deliveries import (
     Refusals,
     Wiretap,
 )
-from tca_central.model.guards import Guard, Guards
 from tca_central.model.observers import Observation, Observers
 from tca_central.model.registry import Registry, Value, Variables
 from tca_central.model.resources import Claim, PendingLimit, Queue
@@ -108,8 +107,6 @@ OBJECTS: dict[type, str] = {
         "routes session tasks unbegun untold waits was_replaced watchers watches"
     ),
     Delivery: _DELIVERY,
-    Guard: "above age task",
-    Guards: "_root age",
     Handler: "accepts busy direct message module pending pool refuses resource takes",
     KeptAnswers: "_kept bytes forgotten most",
     KeptTask: "body id kept kept_by message outcome parent role",
@@ -129,16 +126,16 @@ OBJECTS: dict[type, str] = {
     Rare: (
         "asked attached attempts client_serial ended_followers farewells fired guests invocations is_guest "
         "is_resolved is_tapped is_void kept kept_by listeners pending progress recovering retry_askers retry_targets "
-        "sequence taps unheard watch"
+        "taps unheard watch"
     ),
     Registry: "_names bytes connections dropped look_after lost messages modules permissions",
     Task: (
         f"{_DELIVERY} "
-        "children delayed depth failure followers guard held ignores_parent is_dealt_with is_goal is_watcher killed "
-        "last_child leaders parent rare reached recovery requested result retrying returned serial size state "
-        "survives suspended top unplanned waiters watchers"
+        "children delayed depth failure followers held ignores_parent is_dealt_with is_goal is_watcher killed "
+        "last_child leaders parent rare reached requested result retrying returned serial size state "
+        "survives suspended unplanned waiters watchers"
     ),
-    TaskTree: "across bytes guards last_of_module never_began newest root suspended tasks top_of_module",
+    TaskTree: "across bytes last_of_module never_began newest root suspended tasks top_of_module",
     Timer: "due is_cancelled subject time",
     Variables: "bytes values",
     Wiretap: "at before condition has_fired holders id listener place watch",

@@ -9,12 +9,9 @@ from typing import Any, NamedTuple
 from tca_central.errors import RequestError
 from tca_central.model.budget import DELIVERY_BYTES, TASK_BYTES
 from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, Wiretap
-from tca_central.model.guards import Guard, Guards
 from tca_central.model.stored import Stored
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, STARTS, TaskId
 from tca_wire.vocabulary import CENTRAL, Outcome, Refusal, Role
-
-_EXCEPTION = Role.EXCEPTION  # to look up an enum's member costs as much as two calls
 
 
 class ClientRequest(NamedTuple):
@@ -54,7 +51,6 @@ class Rare(Stored):
         "recovering",
         "retry_askers",
         "retry_targets",
-        "sequence",
         "taps",
         "unheard",
         "watch",
@@ -83,7 +79,6 @@ class Rare(Stored):
         self.retry_targets: list[Task] = []  #: of an exception handler: the tasks that it wants retried
         self.is_guest = False  #: of a monitor: others than its parent's handler put it there (watching/watches.py)
         self.guests = 0  #: number of such children
-        self.sequence: dict[int, Task] | None = None  #: its children but those aside, once the newest was killed
         self.kept_by: dict[Module, None] = {}  #: the modules that want it remembered
         self.kept: dict[int, KeptTask] = {}  #: records of ended tasks that hang under it, oldest end first
 
@@ -93,10 +88,10 @@ class Task(Delivery):
 
     is_task = True
 
-    __slots__ = ("children", "delayed", "depth", "failure", "followers", "guard", "held", "ignores_parent",
+    __slots__ = ("children", "delayed", "depth", "failure", "followers", "held", "ignores_parent",
                  "is_dealt_with", "is_goal", "is_watcher", "killed", "last_child",
-                 "leaders", "parent", "rare", "reached", "recovery", "requested", "result", "retrying",
-                 "returned", "serial", "size", "state", "survives", "suspended", "top", "unplanned", "waiters",
+                 "leaders", "parent", "rare", "reached", "requested", "result", "retrying",
+                 "returned", "serial", "size", "state", "survives", "suspended", "unplanned", "waiters",
                  "watchers")  # fmt: skip
 
     id: TaskId
@@ -113,9 +108,6 @@ class Task(Delivery):
         self.delayed = False  #: its planning starts when its achieving does (DELAY_PLANNING)
         self.parent: Task | None = None  #: None: the root
         self.depth = 0  #: number of tasks from the top of the tree, it included
-        self.top: Task | None = None  #: the ancestor right under the root; None: it is that itself
-        self.recovery: Task | None = None  #: the nearest exception handler above it
-        self.guard: Guard | None = None  #: the nearest task at or above it that has exception handlers
         self.children: dict[int, Task] | None = None  #: those that have not ended, oldest first
         self.last_child: Task | None = None  #: the one that constraint flags of the next child refer to
         self.unplanned = 0  #: number of children that are not planned yet
@@ -165,17 +157,15 @@ class Task(Delivery):
             return False
         return self.returned and len(self.children or ()) == len(self.watchers or ()) > 0
 
-    @property
-    def has_exception_handlers(self) -> bool:
-        """Whether any are attached to it or to its message."""
-        return bool(self.message.attached) or (self.rare is not None and bool(self.rare.attached))
-
-    def recoveries(self) -> Iterator["Task"]:
+    def recoveries(self) -> "list[Task]":
         """The exception handlers that it is, or is under, nearest first."""
-        handler = self if self.role is Role.EXCEPTION else self.recovery
-        while handler is not None:
-            yield handler
-            handler = handler.recovery
+        found, exception = [], Role.EXCEPTION
+        task: Task | None = self
+        while task is not None:
+            if task.role is exception:
+                found.append(task)
+            task = task.parent
+        return found
 
     @property
     def is_running(self) -> bool:
@@ -244,7 +234,6 @@ class TaskTree(Stored):
     def __init__(self, root_message: MessageType) -> None:
         self.root = Task(ROOT, root_message, b"", None)
         self.root.reached = STARTS
-        self.guards = Guards(self.root)
         self.tasks: dict[int, Task] = {}
         self.bytes = 0  #: that all tasks hold
         self.suspended: dict[int, tuple[float, str, bool]] = {}
@@ -274,9 +263,6 @@ class TaskTree(Stored):
         if parent.children is None:
             parent.children = {}
         parent.children[task.id] = self.tasks[task.id] = task
-        task.top = None if parent is self.root else parent.top or parent
-        task.recovery = parent if parent.role is _EXCEPTION else parent.recovery
-        self.guards.add(task)
         if task.is_watcher:
             if parent.watchers is None:
                 parent.watchers = {}
@@ -295,8 +281,6 @@ class TaskTree(Stored):
             self.top_of_module[sender][task.id] = task
         else:
             parent.last_child = task
-            if parent.rare is not None and parent.rare.sequence is not None:
-                parent.rare.sequence[task.id] = task
 
     def grow(self, task: Task, size: int) -> None:
         """A task holds so much more, or less."""
@@ -335,7 +319,6 @@ class TaskTree(Stored):
         """Take an ended task out."""
         del self.tasks[task.id]
         self.bytes -= task.size
-        task.guard = None  # which may refer to the task
         if self.suspended:
             self.suspended.pop(task.id, None)
         if self.across:
@@ -351,10 +334,8 @@ class TaskTree(Stored):
         if parent is self.root:
             self._detach_top(task, sending_module(task))
             return
-        if parent.rare is not None and parent.rare.sequence is not None:
-            parent.rare.sequence.pop(task.id, None)
         if parent.last_child is task:
-            parent.last_child = _newest_child(parent) if task.killed and parent.children else None
+            parent.last_child = _newest_child(parent.children) if task.killed and parent.children else None
 
     def _detach_top(self, task: Task, sender: Module | None) -> None:
         """After a killed top-level task flags refer to the living one that the same module sent before it."""
@@ -421,12 +402,10 @@ def is_aside(task: Task) -> bool:
     return bool(task.role) or task.message.is_aside
 
 
-def _newest_child(parent: Task) -> Task | None:
+def _newest_child(children: dict[int, Task]) -> Task | None:
     """After a killed last child flags refer to the sibling before it, not to nothing."""
-    if parent.more.sequence is None:
-        children = (parent.children or {}).items()
-        parent.more.sequence = {number: child for number, child in children if not is_aside(child)}
-    return _newest(parent.more.sequence) if parent.more.sequence else None
+    _newest(children)
+    return next((one for one in reversed(children.values()) if not is_aside(one)), None)
 
 
 def _newest(siblings: dict[int, Task]) -> Task:

@@ -46,7 +46,6 @@ IGNORED = {
         "suspended",  # for people
         "bytes",  # follows from the tasks
         "across",  # says no more than the constraints
-        "guards",  # nor than what is attached
     },
     "Holds": {
         "ending",  # empty between events
@@ -78,8 +77,8 @@ IGNORED = {
         "ticket",  # marks void entries of the queue, which are left out
         "since",  # for people
     },
-    "Task": {"parent", "top", "recovery", "guard", "size"},  # met as a child of it; what follows
-    "Rare": {"ended_followers", "sequence"},  # when to look through them; its children once more
+    "Task": {"parent", "size"},  # met as a child of it; what follows
+    "Rare": {"ended_followers"},  # when to look through them
     "Agenda": {"_facts", "waits"},
     "Resource": {"_sent_by", "numbers"},  # the same queue in other words; for people
     "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # its place in the queue shows
