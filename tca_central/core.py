@@ -78,6 +78,8 @@ _LONGEST_BODY = int(Limit.BODY)
 class Central(State):
     """The whole state. ``handle`` is the only way to change it; everything else that is public only reads."""
 
+    __slots__ = ("_output_queues", "_outputs")
+
     def __init__(self, epoch: str = "test") -> None:
         super().__init__(epoch)
         self.connect_outputs()

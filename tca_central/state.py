@@ -220,6 +220,12 @@ with more --memory"
 class State:
     """The parts, put together. ``facts`` and ``messages`` are those of the event being handled."""
 
+    __slots__ = ("agenda", "answers", "attached", "blocked", "budget", "claimed_for", "claims", "clock",
+                 "collectors", "dispatcher", "epoch", "events", "facts", "failed", "forgotten", "hold",
+                 "is_disk_low", "keep_count", "kept", "kept_bytes", "look_after", "lost", "may_have_closed",
+                 "messages", "next_look", "observers", "origin", "outcome_bytes", "outcomes", "registry", "scan",
+                 "suspects", "taps", "tree", "untold", "variables", "watch_of_condition", "watches")  # fmt: skip
+
     def __init__(self, epoch: str = "test") -> None:
         self.epoch = epoch
         self.budget, self.answers = Budget(), KeptAnswers(Budget().answers)

@@ -26,26 +26,37 @@ from tca_wire.vocabulary import Condition, MessageClass
 # --- moments of one task ---------------------------------------------------------------------------------------------
 
 
-class TaskRules:
+Order = tuple[tuple[int, int], ...]
+
+
+class TaskRules(NamedTuple):
     """The moments of one task, of a goal or of any other."""
 
-    def __init__(self, *, at_birth: int, delivery: int, order: tuple[tuple[int, int], ...]) -> None:
-        self.at_birth = at_birth  #: those that it has reached when it is created
-        self.delivery = delivery  #: those that it reaches together when a handler gets it
-        self.order = order
-        """Moments, each with those that come directly before it, in an order in which one pass reaches all."""
-        self.no_later = {moment: 0 if moment & at_birth else self._no_later(moment) for moment in map(int, MOMENTS)}
-        """Each moment with all that are reached no later; nothing for those reached at birth."""
+    at_birth: int
+    """Those that it has reached when it is created."""
+    delivery: int
+    """Those that it reaches together when a handler gets it."""
+    order: Order
+    """Moments, each with those that come directly before it, in an order in which one pass reaches all."""
+    no_later: dict[int, int]
+    """Each moment with all that are reached no later; nothing for those reached at birth."""
 
-    def _no_later(self, moment: int) -> int:
-        found = moment | (self.delivery if moment & self.delivery else 0)
-        for last, before in reversed(self.order):
+
+def _rules(*, at_birth: int, delivery: int, order: Order) -> TaskRules:
+    """The rules, with what follows from them."""
+
+    def no_later(moment: int) -> int:
+        found = moment | (delivery if moment & delivery else 0)
+        for last, before in reversed(order):
             if found & last:
                 found |= before
-        return found | (self.delivery if found & START_HANDLING else 0)
+        return found | (delivery if found & START_HANDLING else 0)
+
+    found = {moment: 0 if moment & at_birth else no_later(moment) for moment in map(int, MOMENTS)}
+    return TaskRules(at_birth, delivery, order, found)
 
 
-GOAL = TaskRules(
+GOAL = _rules(
     at_birth=0,
     delivery=START_HANDLING | START_PLANNING,
     order=(
@@ -55,7 +66,7 @@ GOAL = TaskRules(
         (END_ACHIEVING, START_ACHIEVING | END_PLANNING),
     ),
 )
-NO_GOAL = TaskRules(
+NO_GOAL = _rules(
     at_birth=START_PLANNING | END_PLANNING,
     delivery=START_HANDLING | START_ACHIEVING,
     order=(

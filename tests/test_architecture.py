@@ -143,7 +143,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
             "access", "control", "deadlock", "errors", "events", "failing", "life_cycles", "locks", "model", "outgoing", "requests", "state",
             "status", "watching",
         },
-        "image": {"control", "core", "errors", "events", "model", "order", "state", "watching"},
+        "image": {"core", "errors", "model"},
         "inputs": {"events"},
         "shell": {"core", "errors", "events", "image", "inputs", "model"},
         "__main__": {"core", "errors", "loading", "shell"},

@@ -1,6 +1,6 @@
 """The container of an image: a line that says what it is, the length and check sum of the rest, and tables of columns.
 
-    tca image 1 of 0.1.0
+    tca image 2 of 0.1.0
     length u64, CRC-32 u32, then a MessagePack list of tables, one a class
 
 Things are numbered in the order in which they stand: plain values that stand among others, then all objects, then all
@@ -14,8 +14,10 @@ from typing import Annotated, Any
 import msgspec
 
 from tca_central.errors import ImageError
-from tca_central.image.layout import FORMAT
 from tca_wire.release import release
+
+FORMAT = 2
+"""The version of how an image is written. What its classes look like the image itself says."""
 
 _WORDS = b"tca image "
 _CHECK = struct.Struct(">QI")

@@ -1,25 +1,15 @@
-"""Bytes to central's state: classes are those of the layout, and nothing in the bytes is ever run."""
+"""Bytes to central's state: nothing in the bytes is ever run."""
 
 import gc
 from typing import Any
 
-import msgspec
-
 from tca_central.core import Central
 from tca_central.errors import ImageError
 from tca_central.image.container import ClassTable, Column, unseal
-from tca_central.image.layout import OBJECT_SHAPES, VALUE_SHAPES
-from tca_central.image.shapes import ObjectShape, ValueShape
-
-_OBJECTS: dict[str, ObjectShape] = {shape.name: shape for shape in OBJECT_SHAPES.values()}
-_VALUES: dict[str, ValueShape] = {shape.name: shape for shape in VALUE_SHAPES.values()}
+from tca_central.image.shapes import ObjectShape, Shape, shape_named
 
 _ADVICE = "start the version that made it, or go on without the image"
-_WRONG = (
-    msgspec.MsgspecError, AttributeError, LookupError, MemoryError, OverflowError, RecursionError, StopIteration,
-    TypeError, ValueError,
-)  # fmt: skip
-"""What bytes bring about that no central wrote."""
+_CENTRAL = f"{Central.__module__}.{Central.__name__}"
 
 
 def decode(data: bytes) -> Central:
@@ -28,7 +18,9 @@ def decode(data: bytes) -> Central:
     gc.disable()  # it would look through all again and again, and find nothing
     try:
         return _central_of(unseal(data), len(data))
-    except _WRONG as error:
+    except ImageError:
+        raise
+    except Exception as error:  # noqa: BLE001 - bytes that no central wrote may bring about any
         raise ImageError(f"the image was not written by a central: {type(error).__name__}: {error}") from None
     finally:
         if is_on:
@@ -38,42 +30,39 @@ def decode(data: bytes) -> Central:
 def _central_of(tables: list[ClassTable], size: int) -> Central:
     if sum(table.count for table in tables) > size:
         raise ValueError("it tells of more objects than its bytes can name")
-    if sum(table.count for table in tables if table.name == Central.__name__) != 1:
+    if sum(table.count for table in tables if table.name == _CENTRAL) != 1:
         raise ValueError("it is not of one central")
     (plain,), *tables = tables[0].columns, *tables[1:]
     things: list[Any] = list(plain.values)
     objects: list[tuple[ObjectShape, ClassTable, list[Any]]] = []
     for table in tables:
-        if (kind := _OBJECTS.get(table.name)) is not None:
-            _check_fields(table, kind)
-            made = [kind.empty() for _ in range(table.count)]
-            objects.append((kind, table, made))
-        elif (value_kind := _VALUES.get(table.name)) is not None:
-            _check_fields(table, value_kind)
-            made = value_kind.make(table.count, [_values(column, table.count, things) for column in table.columns])
+        shape = _shape_of(table)
+        if isinstance(shape, ObjectShape):
+            made = [shape.empty() for _ in range(table.count)]
+            objects.append((shape, table, made))
         else:
-            raise ImageError(
-                f"the image has objects of class {table.name}, which this version does not know: {_ADVICE}"
-            )
+            made = shape.make(table.count, [_values(column, table.count, things) for column in table.columns])
         if len(made) != table.count:
             raise ValueError(f"{table.name}: {table.count} were told, and there are {len(made)}")
         things += made
-    for kind, table, made in objects:
-        kind.fill(made, [_values(column, table.count, things) for column in table.columns])
-    (central,) = next(made for _, table, made in objects if table.name == Central.__name__)
-    assert isinstance(central, Central)
+    for shape, table, made in objects:
+        shape.fill(made, [_values(column, table.count, things) for column in table.columns])
+    (central,) = (one for one in things if isinstance(one, Central))
     central.connect_outputs()
     return central
 
 
-def _check_fields(table: ClassTable, shape: ObjectShape | ValueShape) -> None:
-    """Raises ImageError if a class has other attributes than it had when the image was made."""
+def _shape_of(table: ClassTable) -> Shape:
+    """The shape of a class. Raises ImageError if it is gone, or has other attributes than when the image was made."""
+    shape, name = shape_named(table.name), table.name.rpartition(".")[2]
+    if shape is None:
+        raise ImageError(f"the image has objects of class {name}, which this version does not know: {_ADVICE}")
     if tuple(table.fields) == shape.fields:
-        return
+        return shape
     gone, new = set(table.fields) - set(shape.fields), set(shape.fields) - set(table.fields)
-    changes = [f"{table.name} has no {name} any more" for name in sorted(gone)]
-    changes += [f"{table.name} now has {name}" for name in sorted(new)]
-    what = ", ".join(changes) or f"{table.name} has its attributes in another order"
+    changes = [f"{name} has no {one} any more" for one in sorted(gone)]
+    changes += [f"{name} now has {one}" for one in sorted(new)]
+    what = ", ".join(changes) or f"{name} has its attributes in another order"
     raise ImageError(f"the image is of another version: {what}: {_ADVICE}")
 
 

@@ -15,8 +15,7 @@ from typing import Any
 from tca_central.core import Central
 from tca_central.errors import ImageError
 from tca_central.image.container import PLAIN, ClassTable, plain_column, references, seal
-from tca_central.image.layout import OBJECT_SHAPES, VALUE_SHAPES, group_key, shape_key
-from tca_central.image.shapes import ObjectShape, ValueShape
+from tca_central.image.shapes import Shape, ValueShape, group_key, shape_of
 
 LONG = 200
 """Characters or bytes: longer values are written once, however many objects hold them."""
@@ -63,8 +62,9 @@ class _Gathered:
 class _Group:
     """Objects of one class that were met; of containers, those that hold the same."""
 
-    def __init__(self, shape: ObjectShape | ValueShape, *, is_value: bool, number: int) -> None:
-        self.shape, self.is_value, self.number = shape, is_value, number
+    def __init__(self, shape: Shape, number: int) -> None:
+        self.shape, self.number = shape, number
+        self.is_value = isinstance(shape, ValueShape)
         self.things: list[Any] = []
         self.taken_apart = 0  #: so many of them
         self.columns = [_Gathered() for _ in shape.fields]
@@ -88,13 +88,11 @@ class _Encoding:
                 group.things.append(one)
 
     def _new_group(self, one: object) -> _Group:
-        key = shape_key(one)
-        shape: ObjectShape | ValueShape | None = OBJECT_SHAPES.get(key) or VALUE_SHAPES.get(key)
+        shape = shape_of(one)
         if shape is None:
-            text = f"{self._way_to(one)} is a {type(one).__qualname__}: tca_central/image/layout.py lists no such class"
-            raise ImageError(text)
-        group = _Group(shape, is_value=key in VALUE_SHAPES, number=len(self._groups))
-        self._groups[group_key(one)] = group
+            kind = type(one).__qualname__
+            raise ImageError(f"{self._way_to(one)} is a {kind}, which is no class of the state: see model/stored.py")
+        self._groups[group_key(one)] = group = _Group(shape, len(self._groups))
         return group
 
     def go_on(self) -> None:
@@ -167,7 +165,7 @@ class _Encoding:
         while len(way) < 9 and (holder := self._holder(one)) is not None:
             group, place, field = holder
             if "length" not in group.shape.fields:
-                return " ".join([f"{group.shape.name}.{field}", *way])
+                return " ".join([f"{group.shape.name.rpartition('.')[2]}.{field}", *way])
             way.insert(0, field)
             ends = accumulate(group.columns[0].values)
             one = next(thing for thing, end in zip(group.things, ends, strict=False) if place < end)

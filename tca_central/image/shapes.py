@@ -3,23 +3,38 @@
 A column holds one attribute of all objects of a class, so that next to all work is done by functions written in C. An
 object that may change is made empty, and filled when all others are there: so circles, and what several share, come
 back. A value, which never changes, is made complete, after the values that it holds.
+
+The attributes of a class are those of its ``__slots__``, the fields of a value those that it declares. An image names
+classes of this program. Only classes of the state are found by such a name, among those that are there already: nothing
+is imported, and nothing in the bytes is run.
 """
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+import sys
+from collections import OrderedDict, deque
+from collections.abc import Callable, Iterator
 from enum import Enum
-from functools import partial
+from functools import cache, partial
 from itertools import chain, islice, repeat, starmap
 from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
+import msgspec
+
+from tca_central.core import Central
 from tca_central.errors import ImageError
 from tca_central.model.stored import Stored
 
 Columns = list[list[Any]]
 Read = Callable[[list[Any]], Columns]
 
-ITEMS = "length", "item"
+MADE_ANEW = {"_output_queues", "_outputs"}
+"""Attributes that are not stored: see Central.connect_outputs."""
+
+LONGEST_RECORD = 8
+"""Tuples that are longer are written as lists are."""
+
+_OURS = ("tca_central.", "tca_wire.")
+_ITEMS = "length", "item"
 """The columns of containers: the first has a row for each, the others for each item of one after the other."""
 
 
@@ -43,25 +58,75 @@ class ValueShape(NamedTuple):
     """So many values, of these columns."""
 
 
+Shape = ObjectShape | ValueShape
+
+
+# --- finding shapes --------------------------------------------------------------------------------------------------
+
+
+def shape_of(thing: Any) -> Shape | None:
+    """The shape of a thing; None if no image can hold such."""
+    kind: Any = type(thing)
+    if kind is tuple and len(thing) <= LONGEST_RECORD:
+        return _tuples(len(thing))
+    if kind is deque and thing.maxlen is not None:
+        return None
+    return _CONTAINERS.get(kind.__name__) if kind.__module__ in ("builtins", "collections") else _shape_of_class(kind)
+
+
+def shape_named(name: str) -> Shape | None:
+    """The shape that an image names so; None if this version knows no such class."""
+    if name in _CONTAINERS:
+        return _CONTAINERS[name]
+    module, _, word = name.rpartition(".")
+    kind = getattr(sys.modules.get(module), word, None) if module.startswith(_OURS) else None
+    shape = _shape_of_class(kind) if isinstance(kind, type) else None
+    return shape if shape is not None and shape.name == name else None  # a module has the classes that it imports, too
+
+
+def group_key(thing: Any) -> object:
+    """The key of those that are written together. Containers go by what they hold: so most columns hold one class."""
+    kind = type(thing)
+    if kind is tuple:
+        return tuple(map(type, thing)) if len(thing) <= LONGEST_RECORD else tuple
+    if kind is dict:
+        return next(((dict, type(key), type(value)) for key, value in thing.items()), dict)
+    if kind is list:
+        return (list, type(thing[0])) if thing else list
+    return kind
+
+
+@cache
+def _shape_of_class(kind: Any) -> Shape | None:
+    """The shape of a class of the state."""
+    name = f"{kind.__module__}.{kind.__name__}"
+    if not name.startswith(_OURS):
+        return None
+    if issubclass(kind, (Stored, Central)):
+        return _record(name, kind)
+    if issubclass(kind, Enum):
+        return ValueShape(name, ("word",), _words, lambda _, columns: list(map(kind, *columns)))
+    if issubclass(kind, msgspec.Struct):
+        return _frozen(name, kind, kind.__struct_fields__)
+    return _frozen(name, kind, kind._fields) if issubclass(kind, tuple) else None
+
+
 # --- objects ---------------------------------------------------------------------------------------------------------
 
 
-def record(kind: type, fields: tuple[str, ...], derived: Iterable[str]) -> ObjectShape:
-    """The shape of a class of central; *derived* attributes are not stored."""
-    known = {*fields, *derived}
-    slots = {name for parent in kind.__mro__ for name in getattr(parent, "__slots__", ())}
+def attributes_of(kind: type) -> tuple[str, ...]:
+    """The attributes of a class of the state. Machine code lists them under another name."""
+    listed = getattr(kind, "__mypyc_attrs__", None)
+    if listed is None:
+        listed = chain.from_iterable(getattr(parent, "__slots__", ()) for parent in kind.__mro__)
+    return tuple(sorted({*listed} - MADE_ANEW))
 
-    def refuse_unlisted(names: Iterable[str]) -> None:
-        if not known.issuperset(names):
-            new = ", ".join(sorted(set(names) - known))
-            raise ImageError(f"{kind.__name__} has attributes that tca_central/image/layout.py does not list: {new}")
 
-    def read(things: list[Any]) -> Columns:
-        refuse_unlisted(slots)
-        if hasattr(things[0], "__dict__"):
-            for thing in things:
-                refuse_unlisted(vars(thing))
-        return _attributes(fields, things)
+def _record(name: str, kind: type) -> ObjectShape:
+    """The shape of a class of central."""
+    if kind.__dictoffset__:
+        raise ImageError(f"{kind.__name__} has attributes beside those of its __slots__: an image would lose them")
+    fields = attributes_of(kind)
 
     def fill(things: list[Any], columns: Columns) -> None:
         for field, values in zip(fields, columns, strict=True):
@@ -69,31 +134,27 @@ def record(kind: type, fields: tuple[str, ...], derived: Iterable[str]) -> Objec
             deque(settings, maxlen=0)  # does it all
 
     empty = partial(kind.__new__, kind) if issubclass(kind, Stored) else kind
-    return ObjectShape(kind.__name__, fields, read, empty, fill)
+    return ObjectShape(name, fields, partial(_attributes, fields), empty, fill)
 
 
-def listed(name: str, empty: Callable[[], Any], extend: Callable[[Any, list[Any]], None]) -> ObjectShape:
+def _listed(kind: type, extend: Callable[[Any, list[Any]], None]) -> ObjectShape:
     """The shape of a class of containers that are filled with a list."""
 
     def fill(things: list[Any], columns: Columns) -> None:
         for thing, items in _pieces(things, *columns):
             extend(thing, items)
 
-    return ObjectShape(name, ITEMS, _items, empty, fill)
+    return ObjectShape(kind.__name__, _ITEMS, _items, kind, fill)
 
 
-def names() -> ObjectShape:
-    """The shape of sets of strings. A set of anything else has no order that could be had again."""
-
-    def read(things: list[Any]) -> Columns:
-        if any(type(item) is not str for item in chain.from_iterable(things)):
-            raise ImageError("a set in the state may hold strings only: use dict.fromkeys(), which has an order")
-        return _items(list(map(sorted, things)))
-
-    return listed("set", set, set.update)._replace(read=read)
+def _names(things: list[Any]) -> Columns:
+    """The columns of sets of strings. A set of anything else has no order that could be had again."""
+    if any(type(item) is not str for item in chain.from_iterable(things)):
+        raise ImageError("a set in the state may hold strings only: use dict.fromkeys(), which has an order")
+    return _items(list(map(sorted, things)))
 
 
-def mapping(kind: type[dict[Any, Any]]) -> ObjectShape:
+def _mapping(kind: type[dict[Any, Any]]) -> ObjectShape:
     """The shape of a class of dicts."""
 
     def read(things: list[Any]) -> Columns:
@@ -110,16 +171,17 @@ def mapping(kind: type[dict[Any, Any]]) -> ObjectShape:
 # --- values ----------------------------------------------------------------------------------------------------------
 
 
-def frozen(kind: type, fields: tuple[str, ...]) -> ValueShape:
+def _frozen(name: str, kind: type, fields: tuple[str, ...]) -> ValueShape:
     """The shape of a class of values with fields."""
 
     def make(count: int, columns: Columns) -> list[Any]:
         return list(starmap(kind, zip(*columns, strict=True))) if columns else [kind() for _ in range(count)]
 
-    return ValueShape(kind.__name__, fields, partial(_attributes, fields), make)
+    return ValueShape(name, fields, partial(_attributes, fields), make)
 
 
-def tuples(length: int) -> ValueShape:
+@cache
+def _tuples(length: int) -> ValueShape:
     """The shape of tuples of one length."""
 
     def read(things: list[Any]) -> Columns:
@@ -131,33 +193,11 @@ def tuples(length: int) -> ValueShape:
     return ValueShape(f"tuple of {length}", tuple(map(str, range(length))), read, make)
 
 
-def long_tuples() -> ValueShape:
-    """The shape of tuples of any length."""
-
-    def make(_: int, columns: Columns) -> list[Any]:
-        lengths, items = columns
-        left = iter(items)
-        return [tuple(islice(left, length)) for length in lengths]
-
-    return ValueShape("tuple", ITEMS, _items, make)
-
-
-def members(kind: type[Enum]) -> ValueShape:
-    """The shape of the members of an enumeration."""
-    return _known(kind.__name__, attrgetter("value"), kind)
-
-
-def constants(kind: type, known: dict[str, Any]) -> ValueShape:
-    """The shape of a class of which there are only these."""
-    words = {id(value): word for word, value in known.items()}
-    return _known(kind.__name__, lambda value: words[id(value)], known.__getitem__)
-
-
-def _known(name: str, word_of: Callable[[Any], str | int], value_of: Callable[[Any], Any]) -> ValueShape:
-    """The shape of values that the program knows by a word."""
-    return ValueShape(
-        name, ("word",), lambda things: [list(map(word_of, things))], lambda _, columns: list(map(value_of, columns[0]))
-    )
+def _long_tuples(_: int, columns: Columns) -> list[Any]:
+    """Tuples of any length."""
+    lengths, items = columns
+    left = iter(items)
+    return [tuple(islice(left, length)) for length in lengths]
 
 
 # --- columns ---------------------------------------------------------------------------------------------------------
@@ -165,6 +205,10 @@ def _known(name: str, word_of: Callable[[Any], str | int], value_of: Callable[[A
 
 def _attributes(fields: tuple[str, ...], things: list[Any]) -> Columns:
     return [list(map(attrgetter(field), things)) for field in fields]
+
+
+def _words(members: list[Any]) -> Columns:
+    return [[member.value for member in members]]
 
 
 def _items(things: list[Any]) -> Columns:
@@ -180,3 +224,14 @@ def _pieces(things: list[Any], lengths: list[int], items: list[Any]) -> Iterator
         if length:
             yield thing, items[start : start + length]
             start += length
+
+
+_CONTAINERS: dict[str, Shape] = {
+    "list": _listed(list, list.extend),
+    "deque": _listed(deque, deque.extend),
+    "set": _listed(set, set.update)._replace(read=_names),
+    "dict": _mapping(dict),
+    "OrderedDict": _mapping(OrderedDict),
+    "tuple": ValueShape("tuple", _ITEMS, _items, _long_tuples),
+    **{shape.name: shape for shape in map(_tuples, range(LONGEST_RECORD + 1))},
+}

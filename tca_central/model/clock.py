@@ -25,6 +25,8 @@ class Timer(Stored):
 class Clock(Stored):
     """Timers, earliest first; those due at the same time in the order in which they were set."""
 
+    __slots__ = ("_asked", "_cancelled", "_queue", "now")
+
     def __init__(self) -> None:
         self.now = 0.0  #: seconds since the epoch began, as the newest event said
         self._queue: list[tuple[float, int, Timer]] = []

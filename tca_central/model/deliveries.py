@@ -29,6 +29,8 @@ TOLD_TOGETHER = 32
 class ModuleResource(Resource["Connection", "Delivery"]):
     """A resource of a module: its slots are connections, and deliveries wait for them."""
 
+    __slots__ = ("busy", "delivered", "limits", "quick_runs", "replaced")
+
     def __init__(self, module: str, name: str) -> None:
         super().__init__(module, name)
         self.limits: dict[str, PendingLimit[Delivery]] = {}  #: by message name, of handlers that have one
@@ -120,6 +122,9 @@ class Connection(Stored):
 class Module(Stored):
     """A connected program. It is there as long as one of its connections is."""
 
+    __slots__ = ("called", "connections", "handlers", "incarnation", "is_ready", "keeps", "name", "principal",
+                 "process", "resources")  # fmt: skip
+
     def __init__(self, name: str, called: str, incarnation: str, process: str, principal: str = "") -> None:
         self.name = name  #: unique among those connected
         self.called = called  #: its own name: several copies of a program share it
@@ -171,6 +176,11 @@ class Handler(Stored):
 
 class MessageType(Stored):
     """A declared message: its format, users, handlers, and deliveries that wait for a handler."""
+
+    __slots__ = ("attached", "awaited_by", "candidates", "declarers", "delivered", "dropped", "failed", "fans_out",
+                 "first_declared_by", "format", "handlers", "initial", "is_aside", "is_goal", "is_notice",
+                 "message_class", "name", "parts", "route", "rules", "running", "senders_told", "serving", "taps",
+                 "waiting", "wishes")  # fmt: skip
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
         self.redefine(declared, by)

@@ -44,6 +44,8 @@ class Observation(Stored):
 class Observers(Stored):
     """All observations, by what they are about."""
 
+    __slots__ = ("count", "of_message", "of_task", "others")
+
     def __init__(self) -> None:
         self.count = 0
         self.of_task: dict[int, dict[Observation, None]] = {}

@@ -27,6 +27,9 @@ MESSAGES = 10_000
 class Registry(Stored):
     """All connections, modules and messages."""
 
+    __slots__ = ("_names", "bytes", "connections", "dropped", "look_after", "lost", "messages", "modules",
+                 "permissions")  # fmt: skip
+
     def __init__(self) -> None:
         self.connections: dict[ConnectionId, Connection] = {}
         self.modules: dict[str, Module] = {}  #: by incarnation
@@ -172,6 +175,8 @@ class Value(NamedTuple):
 
 class Variables(Stored):
     """The values that variables have; one that was never set has none. They outlive the module that set them."""
+
+    __slots__ = ("bytes", "values")
 
     def __init__(self) -> None:
         self.values: dict[str, Value] = {}

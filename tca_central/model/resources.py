@@ -49,6 +49,8 @@ Q = TypeVar("Q", bound=Queueable)
 class PendingLimit(Stored, Generic[Q]):
     """At most *most* deliveries of one message wait for a resource (TCA 8.5: LimitPendingMessages)."""
 
+    __slots__ = ("most", "waiting")
+
     def __init__(self, most: int) -> None:
         self.most = most
         self.waiting: OrderedDict[Q, None] = OrderedDict()  #: in the order in which they came
@@ -65,6 +67,8 @@ class PendingLimit(Stored, Generic[Q]):
 
 class Queue(Stored, Generic[Q]):
     """Waiting messages and claims: higher priority first, then arrival."""
+
+    __slots__ = ("_heap", "waiting")
 
     def __init__(self) -> None:
         self.waiting = 0  #: number of valid entries
@@ -133,6 +137,9 @@ class Claim(Stored, Generic[S]):
 
 class Resource(Stored, Generic[S, Q]):
     """Slots that handle one message each, and those that wait for one."""
+
+    __slots__ = ("_free", "_queue", "_sent_by", "ahead", "ahead_at", "called_back", "claims", "copies", "held_by",
+                 "is_recalling", "module", "name", "numbers", "slots")  # fmt: skip
 
     def __init__(self, module: str, name: str) -> None:
         self.module = module

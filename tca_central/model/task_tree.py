@@ -231,6 +231,9 @@ class KeptTask(Stored):
 class TaskTree(Stored):
     """All live tasks by id, under a root that is always being achieved."""
 
+    __slots__ = ("across", "bytes", "last_of_module", "never_began", "newest", "root", "suspended", "tasks",
+                 "top_of_module")  # fmt: skip
+
     def __init__(self, root_message: MessageType) -> None:
         self.root = Task(ROOT, root_message, b"", None)
         self.root.reached = STARTS

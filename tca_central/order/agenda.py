@@ -37,6 +37,9 @@ from tca_wire.vocabulary import Role
 class Agenda(Stored):
     """The temporal side of the tree. The core takes its results: ``startable``, ``ended`` and ``ended_waits``."""
 
+    __slots__ = ("_facts", "ended", "ended_waits", "holds", "look_at", "only_watched", "resumed", "startable",
+                 "tap_events", "taps_to_fire", "tree", "unanswered", "waits", "withdrawn")  # fmt: skip
+
     def __init__(self, tree: TaskTree, facts: list[object], clock: Clock) -> None:
         self.tree = tree
         self.holds = Holds(tree, facts, clock)

@@ -32,6 +32,8 @@ class WaysAhead(Protocol):
 class MessagesAhead(Stored):
     """Sends messages ahead, and recalls them."""
 
+    __slots__ = ("_clock", "_out", "trusts_all")
+
     def __init__(self, out: WaysAhead, clock: Clock) -> None:
         self._out, self._clock = out, clock
         self.trusts_all = False  #: every handler counts as a quick one: for explorations

@@ -31,6 +31,9 @@ class Out(WaysAhead, Protocol):
 class Dispatcher(Stored):
     """Every delivery between its start and its handler's return."""
 
+    __slots__ = ("_arrivals", "_clock", "_facts", "_out", "_suspects", "bytes", "changed", "crowded", "displaced",
+                 "granted", "handlers", "is_holding", "messages_ahead", "running", "stranded", "to_offer")  # fmt: skip
+
     def __init__(self, facts: list[object], out: Out, suspects: deque[Any], clock: Clock) -> None:
         self._facts, self._out, self._suspects, self._clock = facts, out, suspects, clock
         self.messages_ahead = MessagesAhead(out, clock)

@@ -68,6 +68,8 @@ class PendingDelay(Stored):
 class Holds(Stored):
     """The constraints in force."""
 
+    __slots__ = ("_clock", "_facts", "edges", "ending", "tree")
+
     def __init__(self, tree: TaskTree, facts: list[object], clock: Clock) -> None:
         self.tree = tree
         self._facts = facts
