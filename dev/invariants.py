@@ -8,15 +8,15 @@ from collections import Counter, defaultdict
 
 from tca_central.control.steering import PendingKill
 from tca_central.model.budget import DELIVERY_BYTES, RESOURCE_BYTES, TASK_BYTES
-from tca_central.model.deliveries import Delivery, ModuleResource
+from tca_central.model.deliveries import Delivery, ModuleResource, PresenceWait
 from tca_central.model.intervals import delivered_at
 from tca_central.model.observers import Observation
 from tca_central.model.registry import type_size
-from tca_central.model.task_tree import Task, failure_size, first_moments, to_be_fired
+from tca_central.model.task_tree import failure_size, first_moments, to_be_fired
+from tca_central.model.tasks import Keeping, Plans, Task, Watch
 from tca_central.order.holds import PendingDelay, held_counts, is_held
 from tca_central.outgoing.direct_routes import route_of
-from tca_central.state import Collector, PresenceWait, State
-from tca_central.watching.watches import Watch
+from tca_central.state import Collector, State
 from tca_wire.points import (
     ALL_MOMENTS,
     END_ACHIEVING,
@@ -64,21 +64,21 @@ def _check_waits(central: State) -> None:
 
 def _check_watches(central: State) -> None:
     """Exactly those monitors are known that watch, or are still to."""
-    watches = (task.rare.watch for task in central.tree.tasks.values() if task.rare and task.rare.watch)
+    watches = (task.watch for task in central.tree.tasks.values() if task.watch is not None)
     assert central.watches == {watch.task.id: watch for watch in watches if not (watch.is_over or watch.task.killed)}
 
 
 def _check_state(task: Task) -> None:
     """A living task is in a state of its life cycle that is no end, and is accepted only where a handler had it."""
-    cycle, newest = task.message.life_cycle, task.rare.client_serial if task.rare is not None else 0
-    asked = task.rare.asked if task.rare is not None else []
+    cycle = task.message.life_cycle
+    asked, newest = (task.clients.asked, task.clients.newest) if task.clients is not None else ([], 0)
     assert task.state in cycle.states, f"{task}: its life cycle has no '{task.state}'"
     assert not cycle.is_over(task.state), f"{task}: it lives, and is {task.state}"
     assert task.serial or task.state == cycle.initial, f"{task}: it is {task.state}, and has never changed"
     assert task.reached & START_HANDLING or task.state == cycle.initial or task.killed, f"{task}: it has no handler yet"
     assert [one.serial for one in asked] == sorted({one.serial for one in asked}), f"{task}: the order of requests"
     assert not asked or asked[-1].serial == newest <= task.serial, f"{task}: the newest request"
-    is_failing = task.retrying or (task.rare is not None and task.rare.recovering is not None)
+    is_failing = task.retrying or (task.recovery is not None and task.recovery.handler is not None)
     is_asked = task.slot is not None or task.killed or is_failing
     assert not asked or is_asked, f"{task}: nobody is asked for what clients want"
 
@@ -114,6 +114,7 @@ def _check_constraints(central: State) -> None:
         assert held_counts(task) == dict(held[task.id]), f"{task}: held by {held_counts(task)}"
         assert {key for key in task.leaders or () if key[1] in tree.tasks} >= leaders[task.id], f"{task}: leaders"
     assert all(tree.tasks.get(one.id) is one for one in tree.across), "an edge begins at a task that has ended"
+    assert all(one.followers for one in central.agenda.holds.ended_followers), "followers that ended are still counted"
     for number in tree.never_began:
         assert number in central.outcomes or tree.tasks[number].killed, f"task {number} is no killed one"
 
@@ -127,7 +128,9 @@ def _check_place(central: State, task: Task) -> None:
     assert (parent.children or {}).get(task.id) is task, f"{task}: its parent does not know it"
     assert task.depth == parent.depth + 1, f"{task}: {task.depth} deep"
     assert task.message.message_class.is_task, f"{task}: queries and informs are no tasks"
-    assert (task.rare.guests if task.rare else 0) == sum(child.is_guest for child in children), f"{task}: guests"
+    assert (task.recovery.guests if task.recovery else 0) == sum(child.is_guest for child in children), (
+        f"{task}: guests"
+    )
     unplanned = sum(child.is_goal and not child.reached & END_PLANNING for child in children)
     assert task.unplanned == unplanned, f"{task}: {task.unplanned} children to plan"
 
@@ -140,7 +143,7 @@ def _check_family(task: Task) -> None:
     if not task.killed:
         starts = (START_PLANNING | START_ACHIEVING) if task.is_goal else START_ACHIEVING
         assert task.ignores_parent or not task.reached & starts & ~parent.reached, f"{task}: started before its parent"
-        assert not parent.killed or task.survives, f"{task}: outlives its killed parent"
+        assert not parent.killed or task.role.survives, f"{task}: outlives its killed parent"
     assert not parent.reached & END_ACHIEVING, f"{task}: not ended, but its parent has"
 
 
@@ -172,7 +175,7 @@ def _check_delivery(central: State, task: Task) -> None:
     unasked = to_be_fired(task, first_moments(task)) if task.queues is not None else []
     assert not unasked, f"{task}: waits for its handler, and {unasked[0].listener.name} was not sent before"
     if task.reached & START_HANDLING:
-        watch, recovering = (task.rare.watch, task.rare.recovering) if task.rare else (None, None)
+        watch, recovering = task.watch, task.recovery.handler if task.recovery is not None else None
         is_decided = (
             (watch is not None and watch.is_on)
             or (recovering is not None and recovering.id in central.tree.tasks)
@@ -281,7 +284,7 @@ def _check_what_lies_ahead(central: State) -> None:
     """Whatever waits for a time or a point is about a living task, which knows it: it goes when that task ends."""
     timers = set(central.clock.pending())
     for task in (central.tree.root, *central.tree.tasks.values()):
-        for what, waits_for in task.rare.pending.items() if task.rare else ():
+        for what, waits_for in task.plans.pending.items() if task.plans is not None else ():
             if isinstance(waits_for, Task):
                 is_there = what in (waits_for.waiters or ())
             else:
@@ -289,7 +292,7 @@ def _check_what_lies_ahead(central: State) -> None:
             assert is_there, f"{task}: {what} will never happen"
         for waiter in task.waiters or ():
             if isinstance(waiter, PendingKill):
-                assert waiter.task.more.pending[waiter] is task, f"{task}: a kill waits for it that nobody knows"
+                assert Plans.of(waiter.task).pending[waiter] is task, f"{task}: a kill waits for it that nobody knows"
             if isinstance(waiter, Watch):
                 assert waiter.is_on, f"{task}: a monitor that is over waits for it"
                 assert waiter.waits_for is task, f"{task}: a monitor waits for it and knows nothing"
@@ -331,12 +334,13 @@ def _check_kept(central: State) -> None:
         is_there = parent is tree.root or (parent and (kept.get(parent.id) or tree.tasks.get(parent.id)) is parent)
         assert is_there, f"record {record.id}: hangs under what is gone"
         assert record.siblings.get(record.id) is record, f"record {record.id}: its parent does not know it"
-        assert record.kept_by, f"record {record.id}: nobody keeps it"
-        assert record.kept_by.keys() <= {*modules}, f"record {record.id}: kept by who is gone"
+        assert record.keeping.by, f"record {record.id}: nobody keeps it"
+        assert record.keeping.by.keys() <= {*modules}, f"record {record.id}: kept by who is gone"
     promises = [(module, number) for module in modules for number in module.keeps]
     for module, number in promises:
-        kept_by = kept[number].kept_by if number in kept else tree.tasks[number].more.kept_by
-        assert module in kept_by, f"'{module.name}' keeps {number}, which does not know it"
+        assert module in Keeping.of(kept.get(number) or tree.tasks[number]).by, (
+            f"'{module.name}' keeps {number}, which does not know it"
+        )
     assert central.keep_count == len(promises), f"{central.keep_count} promises, counted {len(promises)}"
     assert central.kept_bytes == sum(record.size for record in kept.values()), "size of the records"
 
@@ -392,8 +396,8 @@ def _check_budget(central: State) -> None:
 
 
 def _task_size(task: Task) -> int:
-    farewells = task.rare.farewells if task.rare is not None else ()
+    farewells = task.plans.farewells if task.plans is not None else ()
     planned = sum(DELIVERY_BYTES + len(body) for _, body in farewells)
-    asked = task.rare.asked if task.rare is not None else ()
-    planned += sum(DELIVERY_BYTES + len(one.body) for one in asked) + len(task.rare.progress if task.rare else b"")
+    if task.clients is not None:
+        planned += sum(DELIVERY_BYTES + len(one.body) for one in task.clients.asked) + len(task.clients.progress)
     return TASK_BYTES + len(task.body) + len(task.result) + failure_size(task.failure) + planned

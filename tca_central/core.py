@@ -44,7 +44,7 @@ from tca_central.life_cycles import busy, changes, observing
 from tca_central.locks import claims
 from tca_central.model.clock import Timer
 from tca_central.model.deliveries import Connection, Module, Wiretap
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Recovery, Task, Watch
 from tca_central.outgoing import availability, direct_routes
 from tca_central.requests import (
     hanging,
@@ -57,9 +57,9 @@ from tca_central.requests import (
     variables,
     waiting,
 )
-from tca_central.state import State
+from tca_central.state import State, TaskWait
 from tca_central.status import topics
-from tca_central.watching import taps
+from tca_central.watching import taps, watches
 from tca_wire.journal import causes, facts
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState, Observe
@@ -96,7 +96,7 @@ class Central(State):
             (agenda.withdrawn, lambda task: self.dispatcher.withdraw(task, keep_place=task.suspended or task.retrying)),
             (agenda.ended, self._on_ended),
             (agenda.unanswered, partial(changes.decide_instead, self)),
-            (agenda.ended_waits, lambda reached: reached[1].on_reached(self, reached[0])),
+            (agenda.ended_waits, lambda reached: REACHED[type(reached[1])](self, reached[1], reached[0])),
             (self.dispatcher.granted, partial(claims.tell_granted, self)),
             (self.dispatcher.crowded, partial(busy.on_crowded, self)),
             (self.dispatcher.displaced, lambda displaced: replying.tell_displaced(self, *displaced)),
@@ -333,8 +333,9 @@ class Central(State):
             return
         task.retrying = False
         task.given_as = self.new_id()
-        task.more.attempts += 1
-        task.more.recovering = None
+        recovery = Recovery.of(task)
+        recovery.attempts += 1
+        recovery.handler = None
         claims.end_claims_of(self, task, "it is retried")
 
     def _on_ended(self, task: Task) -> None:
@@ -342,11 +343,14 @@ class Central(State):
             observing.tell_end(self, task)
         if self.claimed_for:
             claims.end_claims_of(self, task, "it has ended")
-        if task.rare is not None:
-            steering.forget_pending(self, task)
+        if task.plans is not None:
+            steering.forget_pending(self, task.plans)
+        if task.recovery is not None:
             attaching.forget_task(self, task)
+        if task.tapping is not None:
             taps.forget_task(self, task)
-            keeping.keep_or_drop(self, task)
+        if task.keeping is not None:
+            keeping.keep_or_drop(self, task, task.keeping)
         if task.role is Role.EXCEPTION:
             failures.handler_ended(self, task)
         if task.result or task.killed or task.failure is not None:
@@ -447,6 +451,14 @@ class _Kind:
 
 
 KINDS = {header: _Kind(header) for header in HANDLERS}
+
+
+REACHED: dict[type, Callable[[Central, Any, Task], None]] = {
+    TaskWait: lambda central, wait, task: wait.answer(central, central.outcome(task)),
+    steering.PendingKill: lambda central, pending, _: pending.go_on(central),
+    Watch: watches.on_end_point,
+}
+"""One row per kind of wait for a moment of a task: what happens when it is reached."""
 
 
 TIMERS: dict[Due, Callable[[Central, Any], None]] = {

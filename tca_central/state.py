@@ -1,15 +1,14 @@
 """The state of central, and the ways in which anything leaves it. Holds no rule: those are in the rooms beside it."""
 
 from collections import deque
-from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import Any
 
 from tca_central.errors import RequestError
 from tca_central.events import Effect, LimitsSet, Transmit
 from tca_central.model.answers import KeptAnswers
 from tca_central.model.budget import (
     ATTACHED_BYTES,
-    AWAITED_BYTES,
     CLAIM_BYTES,
     EDGE_BYTES,
     HANDLER_BYTES,
@@ -19,6 +18,7 @@ from tca_central.model.budget import (
     Budget,
 )
 from tca_central.model.clock import Clock, Timer
+from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import (
     TOLD_TOGETHER,
     AttachedHandler,
@@ -32,13 +32,14 @@ from tca_central.model.observers import Observers
 from tca_central.model.registry import Registry, Variables
 from tca_central.model.resources import Claim
 from tca_central.model.stored import Stored
-from tca_central.model.task_tree import KeptTask, Task, TaskTree, taps_of
+from tca_central.model.task_tree import TaskTree, taps_of
+from tca_central.model.tasks import KeptTask, Task, Watch
 from tca_central.order.agenda import Agenda
 from tca_central.order.dispatcher import Dispatcher
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer, ToModule
-from tca_wire.packets.parts import Involved, MessageFormat, Trouble
+from tca_wire.packets.parts import MessageFormat
 from tca_wire.points import ROOT, TaskId
 from tca_wire.rules import DELIVERED
 from tca_wire.text import measures
@@ -80,42 +81,12 @@ class TaskWait(Stored):
         self.connection, self.number, self.origin = connection, header.number, header.origin
         self.task_id, self.moment = header.point.task, int(header.point.moment)
 
-    def on_reached(self, central: "State", task: Task) -> None:
-        """The moment is reached."""
-        self.answer(central, central.outcome(task))
-
     def answer(self, central: "State", outcome: tuple[Outcome, str, str, bytes]) -> None:
         """Send the waiter the task's outcome."""
         if self.connection.outstanding.pop(self.number, None) is not None:
             central.facts.append(facts.WaitEnded(self.connection.module.name, self.origin, self.task_id))
             result, failure, text, body = outcome
             central.send(self.connection, self.number, Answer(self.number, result, failure, text), body)
-
-
-class PresenceWait(Stored):
-    """A connection waits until each of some messages is handled, all at the same time."""
-
-    __slots__ = ("connection", "messages", "missing", "number", "origin", "promised")
-
-    def __init__(
-        self, connection: Connection, header: headers.WaitUntilHandled, messages: Iterable[MessageType]
-    ) -> None:
-        self.connection, self.number, self.origin = connection, header.number, header.origin
-        self.promised = tuple(header.promised)  #: messages that will be handled when this wait is over
-        self.messages = tuple(messages)
-        self.missing = sum(not message.serving for message in self.messages)  #: number of those that nobody handles
-        for message in self.messages:
-            message.awaited_by[self] = None
-
-    @property
-    def size(self) -> int:
-        """Bytes that it holds."""
-        return presence_size(self.messages)
-
-    def end(self) -> None:
-        """Nobody waits any more."""
-        for message in self.messages:
-            del message.awaited_by[self]
 
 
 class RestartHold(Stored):
@@ -127,53 +98,6 @@ class RestartHold(Stored):
         self.awaited: dict[Connection, None] = {}  #: connections that may come back
         self.grace: Timer | None = None  #: until they must be
         self.until_told = False  #: no task starts before somebody says so
-
-
-def presence_size(messages: Sequence[MessageType]) -> int:
-    """Bytes that a wait until messages are handled holds."""
-    return WAIT_BYTES + AWAITED_BYTES * len(messages)
-
-
-class RaisedFailure(NamedTuple):
-    """A failure as it was raised on a task."""
-
-    name: str
-    text: str = ""
-    body: bytes = b""
-    kinds: tuple[str, ...] = ()  #: more general failures that it is a kind of
-
-
-class FailureContext(Stored):
-    """The trouble an exception handler's task deals with: a task's failure, caught there or above."""
-
-    __slots__ = ("at", "attached", "failing", "failure", "passed")
-
-    def __init__(
-        self,
-        failing: Task,
-        failure: RaisedFailure,
-        at: Task,
-        attached: AttachedHandler,
-        passed: dict[tuple[int, str], None],
-    ) -> None:
-        self.failing, self.failure, self.at, self.attached = failing, failure, at, attached
-        #: Attachments, by id, that could not decide about failures of these names; of this failure and all below it.
-        self.passed = passed
-
-    @property
-    def header(self) -> Trouble:
-        """The handler's context: the failure, and the tasks that it is about."""
-        attempts = self.failing.more.attempts
-        invocations = self.at.more.invocations.get(self.attached.id, 0)
-        name, text, *_ = self.failure
-        return Trouble(name, text, involved(self.failing), involved(self.at), attempts, invocations)
-
-
-def involved(delivery: Delivery) -> Involved:
-    """A message as others are told of it; task 0 if it is none, or the root."""
-    if not isinstance(delivery, Task):
-        return Involved(ROOT, delivery.message.name)
-    return Involved(TaskId(delivery.id), delivery.message.name if delivery.id else "")
 
 
 def is_own(delivery: Delivery) -> bool:
@@ -237,8 +161,8 @@ class State:
         self.agenda = Agenda(self.tree, self.facts, self.clock)
         self.attached: dict[int, AttachedHandler] = {}  #: all exception handlers, by id
         self.taps: dict[int, Wiretap] = {}  #: all wiretaps, by id
-        self.watches: dict[int, Any] = {}  #: the monitors that watch or are still to, by their tasks' ids
-        self.watch_of_condition: dict[int, Any] = {}  #: by delivery, the monitors whose conditions are being tested
+        self.watches: dict[int, Watch] = {}  #: the monitors that watch or are still to, by their tasks' ids
+        self.watch_of_condition: dict[int, Watch] = {}  #: by delivery, the monitors whose conditions are being tested
         self.suspects: deque[Suspect] = deque()  #: these may have begun to wait for themselves
         self.blocked: dict[Connection, None] = {}  #: connections that do nothing until they are answered
         self.look_after = 0.25  #: seconds after which they are looked at again (0: nobody looks for deadlocks)

@@ -10,7 +10,7 @@ from typing import Any
 
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection, Holder, Module
-from tca_central.model.task_tree import KeptTask, Task
+from tca_central.model.tasks import KeptTask, Task
 from tca_central.state import State
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState, Observe
@@ -102,7 +102,7 @@ def _see(central: State, connection: Connection, number: TaskId) -> None:
 
 
 def _may_see_record(connection: Connection, record: KeptTask) -> bool:
-    is_its = any(module.principal == connection.principal for module in record.kept_by)
+    is_its = any(module.principal == connection.principal for module in record.keeping.by)
     return is_its or _may_one_of(connection, (TAP, KILL), record.message.name)
 
 

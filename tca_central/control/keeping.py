@@ -8,7 +8,7 @@ TCA 8.5 kept every node until its references were released.)
 
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection, Module
-from tca_central.model.task_tree import KeptTask, Task
+from tca_central.model.tasks import Keeping, KeptTask, Task
 from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.packets import headers
@@ -45,7 +45,7 @@ def keep(central: State, task: Task | KeptTask | None, module: Module) -> None:
     if task.id in module.keeps:
         return
     check_room(central)
-    (task.more if isinstance(task, Task) else task).kept_by[module] = None
+    Keeping.of(task).by[module] = None
     module.keeps[task.id] = None
     central.keep_count += 1
     central.facts.append(facts.Kept(TaskId(task.id), module.name))
@@ -58,12 +58,11 @@ def release(central: State, task_id: int, module: Module) -> None:
     del module.keeps[task_id]
     central.keep_count -= 1
     central.facts.append(facts.Released(TaskId(task_id), module.name))
-    if (record := central.kept.get(task_id)) is not None:
-        del record.kept_by[module]
-        if not record.kept_by:
-            _drop(central, record)
-    else:
-        del central.tree.tasks[task_id].more.kept_by[module]
+    record = central.kept.get(task_id)
+    keeping = Keeping.of(record or central.tree.tasks[task_id])
+    del keeping.by[module]
+    if record is not None and not keeping.by:
+        _drop(central, record)
 
 
 def release_all(central: State, module: Module) -> None:
@@ -72,17 +71,14 @@ def release_all(central: State, module: Module) -> None:
         release(central, task_id, module)
 
 
-def keep_or_drop(central: State, task: Task) -> None:
+def keep_or_drop(central: State, task: Task, keeping: Keeping) -> None:
     """A task has ended: remember it, if it is kept; else what hangs under it goes, too."""
-    rare, parent = task.rare, task.parent
-    assert rare is not None
-    assert parent is not None
-    if not rare.kept_by:
-        for record in list(rare.kept.values()):
+    if not keeping.by:
+        for record in list(keeping.records.values()):
             _drop(central, record)
         return
-    record = KeptTask(task, central.outcome(task), rare)
-    parent.more.kept[record.id] = record
+    record = KeptTask(task, central.outcome(task), keeping)
+    record.siblings[record.id] = record
     central.kept[record.id] = record
     central.kept_bytes += record.size
     while central.kept_bytes > central.budget.kept:  # the oldest go first
@@ -95,10 +91,10 @@ def _drop(central: State, record: KeptTask) -> None:
     forgotten = [record]
     while forgotten:
         one = forgotten.pop()
-        forgotten.extend(one.kept.values())
+        forgotten.extend(one.keeping.records.values())
         del central.kept[one.id]
         central.kept_bytes -= one.size
-        for module in one.kept_by:
+        for module in one.keeping.by:
             del module.keeps[one.id]
             central.keep_count -= 1
         central.facts.append(facts.Released(TaskId(one.id), ""))

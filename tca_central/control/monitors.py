@@ -10,11 +10,12 @@ sent to be waited for keeps it.
 
 from tca_central.errors import RequestError
 from tca_central.failing.failures import fail_task, kill, raise_failure
+from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import Connection
-from tca_central.model.task_tree import Task, Verdict
+from tca_central.model.tasks import Task, Verdict, Watch
 from tca_central.outgoing.central_messages import data_for, make, make_delivery, why_kept_out
-from tca_central.state import RaisedFailure, State
-from tca_central.watching.watches import Watch, end_monitor, enlist_monitor, stop_watching
+from tca_central.state import State
+from tca_central.watching.watches import end_monitor, enlist_monitor, stop_watching
 from tca_wire.journal import facts
 from tca_wire.messages.failures import OVERLOAD
 from tca_wire.messages.formats import NIL, NO_DATA
@@ -64,7 +65,7 @@ def start(central: State, task: Task) -> None:
         central.agenda.mark_started(task)
         return
     if watch.is_over:  # it is retried
-        watch = task.more.watch = Watch(task, watch.options, watch.parts)
+        watch = task.watch = Watch(task, watch.options, watch.parts, is_guest=watch.is_guest)
         enlist_monitor(central, task)
     watch.began = watch.since = central.clock.now
     central.agenda.mark_started(task)
@@ -85,9 +86,8 @@ def start(central: State, task: Task) -> None:
 
 
 def _watch(task: Task) -> Watch:
-    watch = task.more.watch
-    assert isinstance(watch, Watch)
-    return watch
+    assert task.watch is not None
+    return task.watch
 
 
 def _wait_until(central: State, watch: Watch, until: Point) -> bool:

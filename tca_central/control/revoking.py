@@ -7,10 +7,11 @@ raised on the task.
 
 from tca_central.failing.failures import raise_failure
 from tca_central.locks.claims import find_resource, pop_losses, revoke
+from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import Connection
 from tca_central.model.resources import Claim
-from tca_central.model.task_tree import Task
-from tca_central.state import RaisedFailure, State
+from tca_central.model.tasks import Task
+from tca_central.state import State
 from tca_wire.messages.failures import LOCK_LOST
 from tca_wire.packets import headers
 

@@ -8,12 +8,13 @@ from tca_central.errors import RequestError
 from tca_central.failing.failures import kill, raise_failure
 from tca_central.model.budget import DELIVERY_BYTES, TIMER_BYTES, WAIT_BYTES
 from tca_central.model.clock import checked_seconds
+from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import Connection, MessageType
 from tca_central.model.intervals import checked_moment
 from tca_central.model.stored import Stored
-from tca_central.model.task_tree import Task, Verdict
+from tca_central.model.tasks import Plans, Task, Verdict
 from tca_central.outgoing.central_messages import make_task, suspend
-from tca_central.state import RaisedFailure, State
+from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.packets import headers
@@ -34,19 +35,18 @@ MOST_FAREWELLS = 100
 def _check_pending(central: State, task: Task) -> None:
     """Raises RequestError if no more may lie ahead of a task."""
     central.check_declared(TIMER_BYTES + WAIT_BYTES)
-    if task.rare is not None and len(task.rare.pending) >= MOST_PENDING:
+    if task.plans is not None and len(task.plans.pending) >= MOST_PENDING:
         raise RequestError(Refusal.OVERLOAD, f"{MOST_PENDING} kills, deadlines and delays lie ahead of {task} already")
 
 
-def forget_pending(central: State, task: Task) -> None:
+def forget_pending(central: State, plans: Plans) -> None:
     """Cancel what lay ahead of a task that has ended."""
-    assert task.rare is not None
-    for what, waits_for in task.rare.pending.items():
+    for what, waits_for in plans.pending.items():
         if isinstance(waits_for, Task):
             central.agenda.stop_waiting(waits_for, what)
         else:
             central.clock.cancel(waits_for)
-    task.rare.pending.clear()
+    plans.pending.clear()
 
 
 # --- kills -----------------------------------------------------------------------------------------------------------
@@ -60,17 +60,17 @@ class PendingKill(Stored):
     def __init__(self, task: Task, scope: Scope, delay: float, verdict: Verdict) -> None:
         self.task, self.scope, self.delay, self.verdict = task, scope, delay, verdict
 
-    def on_reached(self, central: State, _: Task) -> None:
+    def go_on(self, central: State) -> None:
         """The point is reached."""
         if not self.delay:
             self.carry_out(central)
         elif self._is_there(central):
-            self.task.more.pending[self] = central.clock.after(self.delay, Due.KILL, self)
+            Plans.of(self.task).pending[self] = central.clock.after(self.delay, Due.KILL, self)
 
     def carry_out(self, central: State) -> None:
         """It is time."""
-        if self.task.rare is not None:
-            self.task.rare.pending.pop(self, None)
+        if self.task.plans is not None:
+            self.task.plans.pending.pop(self, None)
         if self._is_there(central):
             for task in [self.task] if self.scope is Scope.TASK else self._relatives():
                 kill(central, task, self.verdict)
@@ -79,7 +79,9 @@ class PendingKill(Stored):
         """Its children, or its siblings."""
         parent = self.task if self.scope is Scope.DESCENDANTS else self.task.parent
         assert parent is not None
-        return [child for child in (parent.children or {}).values() if child is not self.task and not child.survives]
+        return [
+            child for child in (parent.children or {}).values() if child is not self.task and not child.role.survives
+        ]
 
     def _is_there(self, central: State) -> bool:
         """Whether the task has not ended, perhaps by what let the point be reached."""
@@ -105,12 +107,12 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
     at = central.tree.task(header.after.task) if header.after is not None else None
     if header.after is not None and at is not None and not at.reached & checked_moment(header.after):
         _plan(central, pending, header.after)
-        task.more.pending[pending] = at
+        Plans.of(task).pending[pending] = at
         central.agenda.wait(at, checked_moment(header.after), pending)
     else:
         if header.delay:
             _plan(central, pending, None)
-        pending.on_reached(central, task)
+        pending.go_on(central)
     central.accept(connection, header.number, header.task)
 
 
@@ -140,14 +142,14 @@ class PendingDeadline(Stored):
 def set_deadline(central: State, task: Task, moment: int, seconds: float) -> None:
     """Let the failure "timeout" be raised on *task* if *moment* is not reached within *seconds* from now."""
     deadline = PendingDeadline(task, moment, seconds)
-    task.more.pending[deadline] = central.clock.after(seconds, Due.DEADLINE, deadline)
+    Plans.of(task).pending[deadline] = central.clock.after(seconds, Due.DEADLINE, deadline)
     central.facts.append(facts.DeadlineSet(TaskId(task.id), moment, seconds))
 
 
 def on_time_out(central: State, deadline: PendingDeadline) -> None:
     """A deadline is over."""
     task, moment = deadline.task, deadline.moment
-    del task.more.pending[deadline]
+    del Plans.of(task).pending[deadline]
     if not (task.killed or task.reached & moment):
         text = f"{describe_moments(moment)[0]} not reached within {deadline.seconds:g} s"
         raise_failure(central, task, RaisedFailure(TIMEOUT, text))
@@ -200,8 +202,9 @@ def keep_for_termination(central: State, task: Task, message: MessageType, body:
     if task.killed:
         make_task(central, message, body, task, Role.TERMINATION)
         return
-    if len(task.more.farewells) >= MOST_FAREWELLS:
+    farewells = Plans.of(task).farewells
+    if len(farewells) >= MOST_FAREWELLS:
         raise RequestError(Refusal.OVERLOAD, f"{MOST_FAREWELLS} messages wait for the termination of {task} already")
-    task.more.farewells.append((message, body))
+    farewells.append((message, body))
     central.tree.grow(task, DELIVERY_BYTES + len(body))
     central.facts.append(facts.SendPlanned(TaskId(task.id), message.name, body))

@@ -20,14 +20,15 @@ from tca_central.control.revoking import is_kept, revoke_and_warn
 from tca_central.deadlock.search import Search, TooLongError
 from tca_central.failing.failures import raise_failure
 from tca_central.locks.claims import revoke
+from tca_central.model.contexts import RaisedFailure, trouble_of
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.resources import Claim
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_central.needs.graph import Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting
 from tca_central.needs.waits import wait_for_group, waits_of
 from tca_central.order.cycles import Place
 from tca_central.requests.waiting import give_up
-from tca_central.state import RaisedFailure, State, Suspect
+from tca_central.state import State, Suspect
 from tca_wire.journal import facts
 from tca_wire.messages.failures import DEADLOCK
 from tca_wire.packets.headers import Refused
@@ -220,7 +221,7 @@ def _is_being_handled(task: Task, search: Search) -> bool:
     """Whether an exception handler that is not stuck itself is about a deadlock of a task."""
     return any(
         child.role is Role.EXCEPTION
-        and child.context.failure.name == DEADLOCK
+        and trouble_of(child).failure.name == DEADLOCK
         and not search.is_stuck(Place(child, END_ACHIEVING))
         for child in (task.children or {}).values()
     )

@@ -3,7 +3,7 @@
 from tca_central.errors import RequestError, check_name
 from tca_central.model.budget import ATTACHED_BYTES
 from tca_central.model.deliveries import AttachedHandler, Connection, MessageType, Module
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Recovery, Task
 from tca_central.state import State
 from tca_central.watching.taps import remove as remove_tap
 from tca_central.watching.watches import end_monitor
@@ -52,7 +52,7 @@ def check_attachments(central: State, wanted: list[Attachment]) -> None:
 def attach(central: State, wanted: Attachment, place: Task | MessageType, by: Module) -> AttachedHandler:
     """Attach an exception handler as the newest; the same one of the same module, or of a copy, makes room for it."""
     check_attachments(central, [wanted])
-    others = place.more.attached if isinstance(place, Task) else place.attached
+    others = Recovery.of(place).attached if isinstance(place, Task) else place.attached
     same = (wanted.failure, wanted.handler, by.called)
     before = next((one for one in others if (one.failure, one.handler.name, one.by) == same), None)
     if before is not None:
@@ -91,7 +91,7 @@ def _end_monitor_by_id(central: State, number: int, by: str) -> bool:
     task = central.tree.tasks.get(number)
     if task is None:
         return False
-    watch = task.rare.watch if task.rare is not None else None
+    watch = task.watch
     if watch is None:
         text = f"{task} is a {task.message.message_class}, which is not attached: kill it to end it"
         raise RequestError(Refusal.PROTOCOL, text)
@@ -102,13 +102,12 @@ def _end_monitor_by_id(central: State, number: int, by: str) -> bool:
 
 
 def _remove(central: State, attached: AttachedHandler, by: str) -> None:
-    place = attached.place
-    (place.more.attached if isinstance(place, Task) else place.attached).remove(attached)
+    attached.place.attached.remove(attached)
     del central.attached[attached.id]
     central.facts.append(facts.Removed(attached.id, by))
 
 
 def forget_task(central: State, task: Task) -> None:
     """A task has ended, and its attachments are gone."""
-    for attached in task.rare.attached if task.rare else ():
+    for attached in task.attached:
         del central.attached[attached.id]

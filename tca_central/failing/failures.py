@@ -14,11 +14,12 @@ from collections.abc import Iterator
 
 from tca_central.errors import RequestError
 from tca_central.locks import claims
+from tca_central.model.contexts import Decision, FailureContext, RaisedFailure, trouble_of
 from tca_central.model.deliveries import AttachedHandler, Connection, Delivery
-from tca_central.model.task_tree import Task, Verdict
+from tca_central.model.tasks import Recovery, Task, Verdict
 from tca_central.order.cycles import Place, find_path
 from tca_central.outgoing.central_messages import make_task, suspend
-from tca_central.state import FailureContext, RaisedFailure, State
+from tca_central.state import State
 from tca_central.watching.taps import fire_after
 from tca_central.watching.watches import stop_watching
 from tca_wire.journal import facts
@@ -70,7 +71,7 @@ def fail_task(central: State, task: Task, failure: RaisedFailure) -> None:
     if handler is None:
         central.agenda.mark_returned(task)
     else:
-        task.more.recovering = handler
+        Recovery.of(task).handler = handler
 
 
 def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = CENTRAL) -> None:
@@ -93,14 +94,14 @@ def _search(central: State, task: Task, failure: RaisedFailure, *, is_beside: bo
 def _continue_search(central: State, handler: Task | None) -> None:
     """Continue a search above an exception handler that could not decide, and so on for the failures around it."""
     while handler is not None:
-        trouble: FailureContext = handler.context
-        failing = trouble.failing
+        trouble = trouble_of(handler)
+        failing, recovery = trouble.failing, Recovery.of(trouble.failing)
         if failing.killed:
             return
-        is_deciding = failing.more.recovering is handler
+        is_deciding = recovery.handler is handler
         following = _call_handler(central, failing, trouble.failure, trouble, is_beside=not is_deciding)
         if is_deciding:
-            failing.more.recovering = following
+            recovery.handler = following
             if following is None:
                 central.agenda.mark_returned(failing)
         handler = _unhandled(central, failing, trouble.failure) if following is None else None
@@ -112,8 +113,8 @@ def _call_handler(
     """Call the nearest exception handler for a failure, the nearest after *below* where one could not deal with it."""
     central.tree.set_failure(task, (failure.name, failure.text, failure.body))
     exceptions = task.recoveries()
-    passed = exceptions[0].context.passed if exceptions else below.passed if below is not None else {}
-    nested = Counter(handler.context.attached.id for handler in exceptions)
+    passed = trouble_of(exceptions[0]).passed if exceptions else below.passed if below is not None else {}
+    nested = Counter(trouble_of(one).attached.id for one in exceptions)
     trouble = _find(task, failure, below, passed, nested)
     if trouble is None:
         return None
@@ -127,10 +128,11 @@ def _call_handler(
 
 def _count_call(central: State, at: Task, attached: AttachedHandler) -> None:
     """One call more. Calls of exception handlers that have been removed are forgotten when they are the most."""
-    calls = at.more.invocations
+    recovery = Recovery.of(at)
+    calls = recovery.invocations
     calls[attached.id] = calls.get(attached.id, 0) + 1
-    if len(calls) > 2 * (len(at.more.attached) + len(at.message.attached)) + 16:
-        at.more.invocations = {number: count for number, count in calls.items() if number in central.attached}
+    if len(calls) > 2 * (len(at.attached) + len(at.message.attached)) + 16:
+        recovery.invocations = {number: count for number, count in calls.items() if number in central.attached}
 
 
 def _find(
@@ -149,9 +151,9 @@ def _find(
             continue
         if (attached.id, failure.name) in passed:
             continue
-        if (attached.id, "") in passed and task.role is Role.EXCEPTION and task.context.attached is attached:
+        if (attached.id, "") in passed and task.role is Role.EXCEPTION and trouble_of(task).attached is attached:
             continue  # its own retry was refused
-        calls = at.rare.invocations.get(attached.id, 0) if at.rare else 0
+        calls = at.recovery.invocations.get(attached.id, 0) if at.recovery is not None else 0
         is_exhausted = attached.maximum and calls >= attached.maximum
         if not is_exhausted and nested[attached.id] < MOST_NESTED:
             return FailureContext(task, failure, at, attached, passed)
@@ -163,7 +165,7 @@ def _candidates(task: Task, below: FailureContext | None) -> Iterator[tuple[Task
     above: Task | None = task if below is None else below.at
     while above is not None:  # costs 0.1 ms where it is 1,000 tasks deep, and 10 at the greatest depth, 20,000
         at, above = above, above.parent
-        own = at.rare.attached if at.rare else []
+        own = at.recovery.attached if at.recovery is not None else ()
         if not (own or at.message.attached):
             continue
         found = [*reversed(own), *reversed(at.message.attached)]
@@ -184,18 +186,18 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
     exceptions = task.recoveries()
     undecided = exceptions[0] if exceptions else None
     if undecided is not None and NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)):
-        above = undecided.context.failing.lineage()
+        above = trouble_of(undecided).failing.lineage()
         undecided = undecided if any(_leaves_behind(one, exceptions) for one in above) else None
     central.facts.append(facts.Unhandled(TaskId(task.id), TaskId(undecided.id) if undecided else ROOT))
     verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=TaskId(task.id))
     if undecided is None:
         _end_top_level(central, task, failure, verdict)
         return None
-    had_decided, undecided.more.is_void = undecided.more.is_void, True
+    trouble = trouble_of(undecided)
+    was_open = _void_decision(undecided)
     kill(central, undecided, verdict)
-    if had_decided:
+    if not was_open:
         return None
-    trouble: FailureContext = undecided.context
     trouble.passed[trouble.attached.id, trouble.failure.name] = None
     where = f" in {task}" if task is not undecided else ""
     reason = f"{failure.name}{where}: {failure.text.partition(NEWLINE)[0]}".removesuffix(": ")
@@ -205,7 +207,7 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
 
 def _leaves_behind(above: Task, exceptions: list[Task]) -> bool:
     """Whether a task above is to be handled again, and not for one of the exception handlers around a failing task."""
-    askers = above.rare.retry_askers if above.rare is not None else {}
+    askers = above.recovery.askers if above.recovery is not None else {}
     return above.retrying and askers.keys().isdisjoint(exceptions)
 
 
@@ -246,22 +248,26 @@ def kill(central: State, task: Task, verdict: Verdict) -> None:
                     suspend(central, child, resume=True)
         if central.claimed_for:
             claims.end_claims_of_killed(central, one)
-        if one.rare is not None:
-            _after_kill(central, one, verdict)
-        if one.role is Role.EXCEPTION and not one.more.is_void:
-            one.more.is_void = True
+        _after_kill(central, one, verdict)
+        if one.role is Role.EXCEPTION and _void_decision(one):
             _continue_search(central, one)
+
+
+def _void_decision(handler: Task) -> bool:
+    """Void the decision of an exception handler; whether it was open till now."""
+    trouble = trouble_of(handler)
+    was_open, trouble.decision = trouble.decision is not Decision.VOID, Decision.VOID
+    return was_open
 
 
 def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
     """Send the messages kept for termination, end the watch, and kill the listeners of a killed task."""
-    assert task.rare is not None
-    if task.reached & START_HANDLING:
-        for message, body in task.rare.farewells:
+    if task.plans is not None and task.reached & START_HANDLING:
+        for message, body in task.plans.farewells:
             make_task(central, message, body, task, Role.TERMINATION)
-    if task.rare.watch is not None:
-        stop_watching(central, task.rare.watch, "it was killed")
-    for listener in task.rare.listeners:
+    if task.watch is not None:
+        stop_watching(central, task.watch, "it was killed")
+    for listener in task.tapping.listeners if task.tapping is not None else ():
         if listener.reached != ALL_MOMENTS:
             kill(central, listener, verdict)
 
@@ -272,7 +278,7 @@ def pass_over(central: State, handler: Delivery) -> None:
     if handler.killed or handler.queues != ():  # somebody handles it again
         return
     why = f"nobody handles '{handler.message.name}' any more"
-    trouble: FailureContext = handler.context
+    trouble = trouble_of(handler)
     trouble.failure = _with_undecided(trouble.failure, handler, f"could not decide: {why}")
     kill(central, handler, Verdict(why))
 
@@ -283,8 +289,7 @@ def pass_over(central: State, handler: Delivery) -> None:
 def reissue(central: State, handler: Task) -> None:
     """The handler cannot deal with the failure: the search goes on after it."""
     central.facts.append(facts.Reissued(TaskId(handler.id)))
-    had_decided, handler.more.is_void = handler.more.is_void, True
-    if not had_decided:
+    if _void_decision(handler):
         _continue_search(central, handler)
     central.agenda.mark_returned(handler)
 
@@ -300,38 +305,42 @@ def on_resolve(central: State, connection: Connection, header: headers.Resolve, 
     if not isinstance(handler, Task) or handler.role is not Role.EXCEPTION:
         text = f"message {handler.message_id} handles no failure, so there is none that it has resolved"
         raise RequestError(Refusal.PROTOCOL, text)
-    counts = not (handler.more.is_void or handler.retrying or handler.killed or handler.context.failing.killed)
-    if counts and not handler.more.is_resolved:
-        handler.more.is_resolved = True
+    trouble = trouble_of(handler)
+    is_over = trouble.decision is Decision.VOID or trouble.failing.killed
+    counts = not (is_over or handler.retrying or handler.killed)
+    if counts and trouble.decision is Decision.NONE:
+        trouble.decision = Decision.DEALT_WITH
         central.facts.append(facts.Resolved(TaskId(handler.id)))
     central.accept(connection, header.number, TaskId(handler.id) if counts else ROOT)
 
 
 def handler_ended(central: State, handler: Task) -> None:
     """An exception handler's task has ended. What it has not dealt with goes on up the tree."""
-    failing: Task = handler.context.failing
-    for asked in handler.more.retry_targets:
+    trouble = trouble_of(handler)
+    failing = trouble.failing
+    for asked in trouble.retried:
         central.agenda.end_retry_asker(asked, handler)
-    if not (handler.more.is_void or failing.killed):
-        if handler.more.is_resolved:
+    if not failing.killed:
+        if trouble.decision is Decision.DEALT_WITH:
             _recover(central, failing, handler)
-        else:
+        elif trouble.decision is Decision.NONE:
             _leave_open(central, failing, handler)
     central.agenda.hear(failing)
 
 
 def _recover(central: State, failing: Task, handler: Task) -> None:
-    failing.is_dealt_with = True
+    recovery = Recovery.of(failing)
+    recovery.is_dealt_with = True
     central.facts.append(facts.Recovered(TaskId(failing.id), TaskId(handler.id)))
-    if failing.more.recovering is handler:
-        failing.more.recovering = None
+    if recovery.handler is handler:
+        recovery.handler = None
         central.agenda.mark_returned(failing)
 
 
 def _leave_open(central: State, failing: Task, handler: Task) -> None:
     """Whoever is told of the failure in the end learns here why the task was not just let go on."""
     central.facts.append(facts.NotResolved(TaskId(handler.id), TaskId(failing.id)))
-    trouble: FailureContext = handler.context
+    trouble = trouble_of(handler)
     trouble.failure = _with_undecided(trouble.failure, handler, "returned without dealing with it")
     _continue_search(central, handler)
 
@@ -350,10 +359,10 @@ def _asking_handler(central: State, task: Task) -> Task | None:
 
 def _check_attempts(task: Task, asking: Task) -> None:
     """Raises RequestError if the task has been handled so often that only a handler with a maximum may retry it."""
-    attempts = task.rare.attempts if task.rare is not None else 1
-    if not asking.context.attached.maximum and attempts >= MOST_ATTEMPTS:
+    attempts, trouble = task.recovery.attempts if task.recovery is not None else 1, trouble_of(asking)
+    if not trouble.attached.maximum and attempts >= MOST_ATTEMPTS:
         text = f"{task} has been handled {attempts} times: attach its exception handler with maximum= for more"
-        asking.context.passed[asking.context.attached.id, ""] = None  # of its own failure it is not asked
+        trouble.passed[trouble.attached.id, ""] = None  # of its own failure it is not asked
         raise RequestError(Refusal.OVERLOAD, text)
 
 
@@ -362,7 +371,7 @@ def check_order(central: State, task: Task, asking: Task | None) -> None:
     guests = [monitor for monitor in (task.watchers or {}).values() if monitor.is_guest]  # may watch until it returns
     starts = [*_next_ends(task, END_HANDLING, END_PLANNING)]
     starts += [place for guest in guests for place in _next_ends(guest, END_HANDLING, END_ACHIEVING)]
-    awaited = {child for child in (task.children or {}).values() if child.survives and not child.is_guest}
+    awaited = {child for child in (task.children or {}).values() if child.role.survives and not child.is_guest}
     if asking is not None:
         awaited.add(asking)
     for one in sorted(awaited, key=lambda one: one.id):
@@ -382,13 +391,13 @@ def _forget_failures(task: Task) -> None:
     """The failures of a task that came before a retry are forgotten: the exception handlers for them decide nothing."""
     for child in (task.children or {}).values():
         if child.role is Role.EXCEPTION:
-            child.more.is_void = True
+            trouble_of(child).decision = Decision.VOID
 
 
 def _clear(central: State, task: Task, verdict: Verdict) -> None:
     """Kill what is under a retried task, but for the monitors of others."""
     for child in list((task.children or {}).values()):
-        if not (child.survives or child.is_guest):
+        if not (child.role.survives or child.is_guest):
             kill(central, child, verdict)
 
 
@@ -407,26 +416,31 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
     central.accept(connection, header.number, task.id)
 
 
+def _unless_void(trouble: FailureContext, decision: Decision) -> None:
+    if trouble.decision is not Decision.VOID:
+        trouble.decision = decision
+
+
 def retry_task(central: State, task: Task, data: bytes | None, by: str, asking: Task | None = None) -> None:
     """Let a task be handled again for *by*, with new data (None: with those it has); ``check_order`` has passed."""
     has_begun = bool(task.reached & START_HANDLING)
-    if has_begun and task.rare is not None and task.rare.watch is not None:
-        stop_watching(central, task.rare.watch, "it is retried")
+    if has_begun and task.watch is not None:
+        stop_watching(central, task.watch, "it is retried")
     if data is not None:
         central.tree.grow(task, len(data) - len(task.body))
         task.body = data
     central.tree.set_failure(task, None)
     central.facts.append(facts.Retried(TaskId(task.id), data or b"", by))
     if task.role is Role.EXCEPTION:
-        task.more.is_resolved = False
+        _unless_void(trouble_of(task), Decision.NONE)
     if asking is not None:
-        asking.more.is_resolved = True
+        _unless_void(trouble_of(asking), Decision.DEALT_WITH)
     _forget_failures(task)
     if has_begun:
         _clear(central, task, Verdict(f"{task} is retried", by, central.origin))
-        if asking is not None and asking not in task.more.retry_askers:
-            task.more.retry_askers[asking] = None
-            asking.more.retry_targets.append(task)
+        if asking is not None and asking not in Recovery.of(task).askers:
+            Recovery.of(task).askers[asking] = None
+            trouble_of(asking).retried.append(task)
             central.tree.across[asking] = None
         if task.slot is not None:
             central.cancel(task.slot, task)

@@ -2,9 +2,10 @@
 
 from tca_central.failing.failures import fail_task, kill
 from tca_central.life_cycles.changes import asked_for
+from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import ModuleResource
-from tca_central.model.task_tree import Task, Verdict
-from tca_central.state import RaisedFailure, State
+from tca_central.model.tasks import Task, Verdict
+from tca_central.state import State
 from tca_wire.messages.failures import REJECTED
 from tca_wire.vocabulary import Busy
 

@@ -14,7 +14,7 @@ from tca_central.errors import RequestError
 from tca_central.failing.failures import check_order, kill, retry_task
 from tca_central.life_cycles.observing import tell
 from tca_central.model.deliveries import Connection, Handler
-from tca_central.model.task_tree import ClientRequest, Task, Verdict
+from tca_central.model.tasks import ClientRequest, Task, Verdict
 from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.life_cycles import Effect, Transition, read_life_cycle
@@ -56,8 +56,8 @@ def begin(central: State, task: Task) -> None:
 def restart(central: State, task: Task) -> None:
     """A task goes to a handler once more. One that is to end at a client's request ends instead."""
     asked = central.tree.forget_asked(task)
-    if task.rare is not None:
-        task.rare.client_serial = 0  # another run of a handler has seen nothing
+    if task.clients is not None:
+        task.clients.newest = 0  # another run of a handler has seen nothing
     if task.message.life_cycle.ends_on_request(task.state):
         kill(central, task, _wanted_by(asked, CENTRAL))
     elif task.state != task.message.initial:
@@ -111,9 +111,9 @@ def _change_by_client(central: State, connection: Connection, header: ChangeStat
         raise RequestError(Refusal.TOO_LATE, _not_now(task, name, Party.CLIENT))
     if body and step.effect is not Effect.NEW_GOAL:
         raise RequestError(Refusal.PROTOCOL, f"'{name}' of {task} has no data")
-    if task.rare is not None and len(task.rare.asked) >= MOST_ASKED:
+    if task.clients is not None and len(task.clients.asked) >= MOST_ASKED:
         central.tree.forget_asked(task, lambda one: not _is_awaited(task, one.source, one.name))
-        if len(task.rare.asked) >= MOST_ASKED:
+        if len(task.clients.asked) >= MOST_ASKED:
             raise RequestError(Refusal.OVERLOAD, f"{MOST_ASKED} requests wait for the handler of {task} already")
     asked_for(central, task, step, connection.module.name, header.text, body)
     central.accept(connection, header.number, task.serial)
@@ -160,7 +160,7 @@ def _tell_handler(central: State, task: Task, asked: ClientRequest) -> None:
 
 def tell_again(central: State, task: Task) -> None:
     """The handler of a task may not have heard what clients have asked for."""
-    for asked in task.rare.asked if task.rare is not None else ():
+    for asked in task.clients.asked if task.clients is not None else ():
         if asked.is_told:
             _tell_handler(central, task, asked)
 
@@ -211,7 +211,7 @@ def _take_goal(central: State, task: Task, goal: bytes) -> None:
 def _change_by_server(central: State, connection: Connection, header: ChangeState, body: bytes, task: Task) -> None:
     cycle, name = task.message.life_cycle, header.transition
     seen = header.serial if header.serial >= 0 else task.serial
-    asked = task.rare.asked if task.rare is not None else []
+    asked = task.clients.asked if task.clients is not None else []
     unseen = [one for one in asked if one.serial > seen]
     step, overtaken = cycle.step(task.state, name, Party.SERVER), False
     if unseen and (step is None or step.effect is not Effect.RESULT):
@@ -219,7 +219,7 @@ def _change_by_server(central: State, connection: Connection, header: ChangeStat
         step, overtaken = (before, True) if before is not None else (step, False)
     if step is None:
         _refuse(task, name, Party.SERVER)
-        if task.rare is not None and seen < task.rare.client_serial:  # a client was first
+        if task.clients is not None and seen < task.clients.newest:  # a client was first
             central.facts.append(facts.Ignored(connection.module.name, _too_late(task, name)))
             _answer(central, connection, header, 0)
             return

@@ -8,7 +8,7 @@ from tca_central.errors import RequestError
 from tca_central.model.budget import WAIT_BYTES
 from tca_central.model.deliveries import Connection
 from tca_central.model.observers import Observation
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.life_cycles import GENERAL
@@ -103,7 +103,7 @@ def _why(failure: str, text: str) -> str:
 
 
 def _as_it_stands(task: Task) -> StateChange:
-    progress = task.rare.progress if task.rare is not None else b""
+    progress = task.clients.progress if task.clients is not None else b""
     return StateChange(
         TaskId(int(task.id)), task.message.name, task.serial, task.state, "", Party.CENTRAL, goal=task.body,
         data=progress, is_late=True,

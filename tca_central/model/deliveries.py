@@ -4,16 +4,19 @@ Knows nothing of tasks, time or sockets.
 """
 
 from collections import deque
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple, Protocol
 
 from tca_central.events import ConnectionId
+from tca_central.model.budget import AWAITED_BYTES, WAIT_BYTES
 from tca_central.model.clock import Timer
 from tca_central.model.resources import PendingLimit, Resource
 from tca_central.model.rights import Rights
 from tca_central.model.stored import Stored
 from tca_wire.life_cycles import LifeCycle, read_life_cycle
 from tca_wire.messages.notices import NOTICES
-from tca_wire.packets.parts import HandlerFormat, MessageFormat, WatchOptions
+from tca_wire.packets.headers import WaitUntilHandled
+from tca_wire.packets.parts import HandlerFormat, MessageFormat, Tapped, Trouble, Watching, WatchOptions
 from tca_wire.packets.routes import Entrance
 from tca_wire.points import TaskId
 from tca_wire.rules import rules_of
@@ -80,7 +83,7 @@ class Connection(Stored):
         self.hung_after = 0.0  #: seconds after which a handler hangs that nobody waits for (0: never)
         self.doubts: dict[int, Timer] = {}  #: by delivery, when that is so of those that are to return
         self.was_replaced = False  #: its handler hung, and another took its place
-        self.outstanding: dict[int, Any] = {}  #: requests whose answer is due -> the delivery or wait behind it
+        self.outstanding: dict[int, Stored] = {}  #: requests whose answer is due -> the delivery or wait behind it
         self.answers: deque[int] = deque()  #: requests whose answers are kept, oldest first: see model/answers.py
         self.answer_bytes = 0  #: that these hold
         self.tasks: dict[int, TaskId] = {}  #: the newest that it has sent, by request, oldest first
@@ -193,7 +196,7 @@ class MessageType(Stored):
         self.delivered = 0  #: how often a handler got it
         self.failed = 0  #: how often one failed
         self.dropped = 0  #: how many came to nothing, or were not brought to a receiver
-        self.awaited_by: dict[Any, None] = {}  #: waits until it is handled
+        self.awaited_by: dict[PresenceWait, None] = {}  #: waits until it is handled
         self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
         self.attached: list[AttachedHandler] = []  #: exception handlers of each of its tasks, newest last
         self.taps: list[Wiretap] = []  #: oldest first
@@ -242,6 +245,47 @@ class MessageType(Stored):
         self.candidates = tuple(handler.resource for handler in reversed(chosen))
 
 
+class PresenceWait(Stored):
+    """A connection waits until each of some messages is handled, all at the same time."""
+
+    __slots__ = ("connection", "messages", "missing", "number", "origin", "promised")
+
+    def __init__(self, connection: Connection, header: WaitUntilHandled, messages: Iterable[MessageType]) -> None:
+        self.connection, self.number, self.origin = connection, header.number, header.origin
+        self.promised = tuple(header.promised)  #: messages that will be handled when this wait is over
+        self.messages = tuple(messages)
+        self.missing = sum(not message.serving for message in self.messages)  #: number of those that nobody handles
+        for message in self.messages:
+            message.awaited_by[self] = None
+
+    @property
+    def size(self) -> int:
+        """Bytes that it holds."""
+        return presence_size(self.messages)
+
+    def end(self) -> None:
+        """Nobody waits any more."""
+        for message in self.messages:
+            del message.awaited_by[self]
+
+
+def presence_size(messages: Sequence[MessageType]) -> int:
+    """Bytes that a wait until messages are handled holds."""
+    return WAIT_BYTES + AWAITED_BYTES * len(messages)
+
+
+class Attachable(Protocol):
+    """A task or a message: what exception handlers and wiretaps are attached to."""
+
+    @property
+    def attached(self) -> "list[AttachedHandler]":
+        """Its exception handlers, newest last."""
+
+    @property
+    def taps(self) -> "list[Wiretap]":
+        """Its own wiretaps, oldest first."""
+
+
 class Holder(NamedTuple):
     """A run of a program that has attached something."""
 
@@ -255,12 +299,14 @@ class AttachedHandler(Stored):
 
     __slots__ = ("by", "failure", "handler", "holders", "id", "maximum", "place")
 
-    def __init__(self, number: int, failure: str, handler: MessageType, maximum: int, place: Any, by: str) -> None:
+    def __init__(
+        self, number: int, failure: str, handler: MessageType, maximum: int, place: Attachable, by: str
+    ) -> None:
         self.id = number  #: newer ones have higher ids
         self.failure = failure  #: "" for any
         self.handler = handler
         self.maximum = maximum  #: of its calls for one task; 0: any number
-        self.place = place  #: the task or message type that it is attached to
+        self.place = place  #: that it is attached to
         self.by = by  #: the own name of the module that attached it
         self.holders: dict[str, Holder] = {}  #: by name: the run that did, and those of its copies that had before
 
@@ -270,11 +316,11 @@ class Wiretap(Stored):
 
     __slots__ = ("at", "before", "condition", "has_fired", "holders", "id", "listener", "place", "watch")
 
-    def __init__(self, tap_id: int, condition: Condition, listener: MessageType, place: Any) -> None:
+    def __init__(self, tap_id: int, condition: Condition, listener: MessageType, place: Attachable) -> None:
         self.id = tap_id
         self.condition = condition
         self.listener = listener
-        self.place = place  #: the task or message type that it taps
+        self.place = place  #: that it taps
         self.before = 0
         self.at = 0
         self.has_fired = False  #: of one task: has sent its listener
@@ -298,31 +344,20 @@ class Refusals(NamedTuple):
 NOTHING_REFUSED = Refusals()
 
 
-class Delivery(Stored):
-    """One message on its way to one handler."""
+class Context(Protocol):
+    """The reason for a message that central has made: see model/contexts.py."""
 
-    is_task = False
+    @property
+    def header(self) -> Trouble | Tapped | Watching:
+        """What the handler is told of it."""
 
-    __slots__ = ("arrival", "body", "context", "given_as", "id", "message", "message_id", "nested",
-                 "number", "origin", "priority", "queues", "refused", "role", "sender", "sent_by", "since", "slot",
-                 "tap_depth", "ticket")  # fmt: skip
 
-    def __init__(
-        self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None, role: Role = Role.NONE
-    ) -> None:
-        self.id = delivery_id
-        self.given_as = delivery_id  #: the number under which a handler has it; another one each time
-        self.message_id = delivery_id
-        self.message = message
-        self.body = body
-        self.role = role  #: why central made it
-        self.context: Any = None  #: the reason for it, if central made it
-        self.sender = sender  #: the receiver of the answer; None when it is gone
-        self.sent_by: object = sender.module if sender is not None else None
-        """The module that sent it; if central made it, the sender of the message it was made for (None: nobody)."""
-        self.tap_depth = 0  #: number of wiretaps' listeners among its causes, it included
-        self.origin = 0  #: unless it is a task: the delivery whose handler sent it (0: nobody's, or not known)
-        self.number = 0  #: of the sender's request (0: no answer wanted)
+class Queued(Stored):
+    """What waits for a slot, and then has one: its place in the queues, and who handles it."""
+
+    __slots__ = ("arrival", "nested", "priority", "queues", "since", "slot", "ticket")
+
+    def __init__(self) -> None:
         self.priority = 0
         self.arrival = 0  #: when it could first be handled; kept when it has to queue again
         self.since = 0.0  #: when it last began to wait in a queue or for a handler, or to be handled; of a task, to be
@@ -330,6 +365,33 @@ class Delivery(Stored):
         self.queues: tuple[ModuleResource, ...] | None = None  #: where it waits; (): for a handler, None: nowhere
         self.slot: Connection | None = None  #: the connection whose thread handles it
         self.nested = False  #: handled inside a wait of its slot's own, beyond the capacity
+
+
+class Delivery(Queued):
+    """One message on its way to one handler: what it is, where it comes from, and why."""
+
+    is_task = False
+
+    __slots__ = ("body", "context", "given_as", "id", "message", "message_id", "number", "origin", "refused",
+                 "role", "sender", "sent_by", "tap_depth")  # fmt: skip
+
+    def __init__(
+        self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None, role: Role = Role.NONE
+    ) -> None:
+        Queued.__init__(self)
+        self.id = delivery_id
+        self.given_as = delivery_id  #: the number under which a handler has it; another one each time
+        self.message_id = delivery_id
+        self.message = message
+        self.body = body
+        self.role = role  #: why central made it
+        self.context: Context | None = None  #: the reason for it, if central made it
+        self.sender = sender  #: the receiver of the answer; None when it is gone
+        self.sent_by: object = sender.module if sender is not None else None
+        """The module that sent it; if central made it, the sender of the message it was made for (None: nobody)."""
+        self.tap_depth = 0  #: number of wiretaps' listeners among its causes, it included
+        self.origin = 0  #: unless it is a task: the delivery whose handler sent it (0: nobody's, or not known)
+        self.number = 0  #: of the sender's request (0: no answer wanted)
         self.refused = NOTHING_REFUSED  #: what its handler has sent quietly, in vain
 
     def __repr__(self) -> str:

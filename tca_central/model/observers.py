@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from tca_central.model.deliveries import Connection
 from tca_central.model.stored import Stored
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_wire.packets.changes import Observe
 from tca_wire.points import TaskId
 from tca_wire.waits import WaitKind

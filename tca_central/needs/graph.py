@@ -16,7 +16,7 @@ from tca_central.model.deliveries import Connection, Delivery, ModuleResource
 from tca_central.model.intervals import SINGLE_MOMENTS, delivered_at
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_central.order.cycles import Each, Place, predecessors
 from tca_central.state import State, TaskWait
 from tca_wire.points import (
@@ -246,7 +246,7 @@ def _of_point(central: State, place: Place, each: Each) -> Groups:
 
 def is_only_queued(task: Task) -> bool:
     """Whether a task is in a queue, with nothing else before any of its points: most of what a wide goal waits for."""
-    has_more = task.leaders or task.children or task.retrying or task.rare
+    has_more = task.leaders or task.children or task.retrying or task.has_parts
     if not task.queues or has_more or task.reached & START_HANDLING or task.suspended:
         return False
     parent = task.parent
@@ -257,14 +257,14 @@ def _of_test(monitor: Task) -> Groups:
     """A monitor that ends after a test or action needs its condition's answer; others end by time or by request. One
     that its parent does not wait for ends with all else there, too: the oldest of that stands for it.
     """
-    watch = monitor.more.watch
+    watch = monitor.watch
     if watch is None or watch.condition is None or watch.options.duration:
         return
     answer, is_point = _at_hand(watch.condition), not monitor.message.is_aside
     if answer is None or not (is_point or watch.options.maximum):
         return
     ends: list[Node] = [answer]
-    if watch.waits_for is not None:
+    if watch.waits_for is not None and watch.options.until is not None:
         ends.append(Place(watch.waits_for, int(watch.options.until.moment)))
     parent = monitor.parent
     if parent is not None and monitor.is_watcher and parent.id != ROOT:

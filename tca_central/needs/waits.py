@@ -10,10 +10,12 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from tca_central.model.deliveries import Connection, Delivery
+from tca_central.model.clock import Timer
+from tca_central.model.contexts import heard_by
+from tca_central.model.deliveries import Connection, Delivery, PresenceWait
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim, Resource
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_central.needs.graph import (
     Freeing,
     Granting,
@@ -29,7 +31,7 @@ from tca_central.needs.graph import (
 )
 from tca_central.order.cycles import Place
 from tca_central.order.holds import PendingDelay
-from tca_central.state import Collector, PresenceWait, State, TaskWait
+from tca_central.state import Collector, State, TaskWait
 from tca_wire.points import (
     END_ACHIEVING,
     END_HANDLING,
@@ -147,26 +149,24 @@ def _children(place: Place) -> int:
 
 def _deciding(task: Task) -> list[Task]:
     """The exception handlers that keep a task from going on: the one that decides, and those that want it retried."""
-    if task.rare is None or task.killed:
+    if task.recovery is None or task.killed:
         return []
-    known = [task.rare.recovering, *task.rare.retry_askers]
+    known = [task.recovery.handler, *task.recovery.askers]
     return [one for one in known if one is not None and not one.reached & END_ACHIEVING]
 
 
 def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
     """Waits that are no nodes of the graph: time, a person's decision, a monitor's condition."""
-    (task, moment), rare = place, place.task.rare
+    task, moment = place
     if task.killed or task.reached & moment:
         return
     is_to_be_handled = task.retrying or (task.slot is None and not task.returned)
     if task.suspended and (moment & STARTS or is_to_be_handled):
         yield _resume(central, task)
-    if rare is None:
-        return
-    for pending, timer in rare.pending.items():
-        if isinstance(pending, PendingDelay) and pending.moment & together(place):
+    for pending, timer in task.plans.pending.items() if task.plans is not None else ():
+        if isinstance(pending, PendingDelay) and isinstance(timer, Timer) and pending.moment & together(place):
             yield WaitFor(WaitKind.DELAY, seconds=timer.time)
-    if rare.watch is not None and rare.watch.is_on and moment != START_PLANNING:
+    if task.watch is not None and task.watch.is_on and moment != START_PLANNING:
         yield condition_of(task)
 
 
@@ -182,13 +182,12 @@ def _resume(central: State, task: Task) -> WaitFor:
 
 def condition_of(monitor: Task) -> WaitFor:
     """The wait of a monitor for its condition."""
-    watch = monitor.more.watch
-    number, name = 0, ""
+    watch = monitor.watch
+    assert watch is not None
+    query = watch.parts[0] if monitor.message.message_class.has_condition else None
     if watch.condition is not None:
-        number, name = watch.condition.id, watch.condition.message.name
-    elif monitor.message.message_class.has_condition:
-        name = watch.parts[0].name
-    return WaitFor(WaitKind.CONDITION, number, name, holds=watch.holds)
+        return WaitFor(WaitKind.CONDITION, watch.condition.id, watch.condition.message.name, holds=watch.holds)
+    return WaitFor(WaitKind.CONDITION, 0, "" if query is None else query.name, holds=watch.holds)
 
 
 def wait_for_group(central: State, node: Place, group: Group) -> WaitFor:
@@ -197,7 +196,7 @@ def wait_for_group(central: State, node: Place, group: Group) -> WaitFor:
         case Place(other, moment):
             wait = _about(_kind(node, other, moment), other, moment)
             if wait.kind is WaitKind.LISTENER:
-                return replace(wait, module=next(iter(other.context.tap.holders), ""))
+                return replace(wait, module=next(iter(heard_by(other).tap.holders), ""))
             return wait
         case Returning(one) | Turn(one) if one is not node.task:
             return condition_of(node.task)

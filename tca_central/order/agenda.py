@@ -7,14 +7,14 @@ released once, so an event costs what it changes, whatever the size of the tree;
 """
 
 from collections import deque
-from typing import Any
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Delivery, Wiretap
 from tca_central.model.intervals import delivered_at
 from tca_central.model.stored import Stored
-from tca_central.model.task_tree import Task, TaskTree, Verdict, first_moments, sending_module, taps_of, to_be_fired
+from tca_central.model.task_tree import TaskTree, first_moments, sending_module, taps_of, to_be_fired
+from tca_central.model.tasks import Recovery, Tapping, Task, Verdict
 from tca_central.order.holds import SEQ_ACH, Holds, PendingDelay, from_flags, is_held, resolve
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Killed, Reached, TimedOut
@@ -50,7 +50,7 @@ class Agenda(Stored):
         self.withdrawn: deque[Task] = deque()  #: may not any more: take them out of their queues
         self.ended: deque[Task] = deque()  #: have reached their last moment
         self.waits = 0  #: number of entries in all lists of waiters
-        self.ended_waits: deque[tuple[Task, Any]] = deque()  #: waits whose moment has been reached
+        self.ended_waits: deque[tuple[Task, Stored]] = deque()  #: waits whose moment has been reached
         self.taps_to_fire: deque[tuple[Task, list[Wiretap]]] = deque()  #: wiretaps to be fired before a task goes on
         self.tap_events: deque[tuple[Delivery, int]] = deque()  #: events of messages that wiretaps may be at
         self.resumed: deque[Task] = deque()  #: monitors that are suspended no longer
@@ -75,7 +75,7 @@ class Agenda(Stored):
         self.tree.become_last(task, parent, sender)
         task.suspended = parent.suspended and not task.role.leaves_safe
         is_late = parent.retrying and not (task.role or task.is_guest)
-        if (parent.killed or is_late) and not task.survives:
+        if (parent.killed or is_late) and not task.role.survives:
             self.kill(task, Verdict(parent.killed or f"{parent} is retried"))
             self.tap_events.append((task, KILLED))
         self.look_at.append(task)
@@ -132,7 +132,7 @@ class Agenda(Stored):
 
     def mark_returned(self, task: Task) -> None:
         """The task's handler has returned, for good."""
-        if task.rare is not None and task.rare.asked:
+        if task.clients is not None and task.clients.asked:
             self.unanswered.append(task)
         task.returned = True
         self.look_at.append(task)
@@ -140,10 +140,10 @@ class Agenda(Stored):
     def retry(self, task: Task) -> None:
         """Let a started task be handled again, as soon as ``Task.may_be_handled_again``."""
         task.retrying, task.returned = True, False
-        if task.rare:
+        if task.tapping is not None:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
             done = {tap.id for tap in taps_of(task) if not tap.before & to_come}
-            task.rare.fired = {tap: heard for tap, heard in task.rare.fired.items() if tap in done}
+            task.tapping.fired = {tap: heard for tap, heard in task.tapping.fired.items() if tap in done}
         self.requeue(task)
         self._look_above(task)
 
@@ -157,19 +157,20 @@ class Agenda(Stored):
 
     def end_retry_asker(self, task: Task, handler: Task) -> None:
         """An exception handler that has asked for a retry has ended."""
-        task.more.retry_askers.pop(handler, None)
+        Recovery.of(task).askers.pop(handler, None)
         self.look_at.append(task)
 
     def hear(self, task: Task) -> None:
         """It is known what an exception handler of the task that has ended leaves open."""
-        task.more.unheard -= 1
+        Recovery.of(task).unheard -= 1
         self.look_at.append(task)
 
     def fire_taps_again(self, task: Task) -> None:
         """Fire again the wiretaps before the start of a task that has not been started."""
         again = {tap.id for tap in taps_of(task) if tap.before & ~task.reached}
         if again:
-            task.more.fired = {tap: heard for tap, heard in task.more.fired.items() if tap not in again}
+            tapping = Tapping.of(task)
+            tapping.fired = {tap: heard for tap, heard in tapping.fired.items() if tap not in again}
             if task.queues is not None:
                 self._take_back(task)
             self.look_at.append(task)
@@ -226,7 +227,7 @@ class Agenda(Stored):
                 self._take_back(one)
         return changed
 
-    def wait(self, task: Task, moment: int, waiter: Any) -> None:
+    def wait(self, task: Task, moment: int, waiter: Stored) -> None:
         """Put *waiter* into ``ended_waits`` when the task reaches that moment."""
         if task.waiters is None:
             task.waiters = {}
@@ -234,7 +235,7 @@ class Agenda(Stored):
             self.waits += 1
         task.waiters[waiter] = moment
 
-    def stop_waiting(self, task: Task, waiter: Any) -> None:
+    def stop_waiting(self, task: Task, waiter: Stored) -> None:
         """Forget a wait that nobody needs any more."""
         if task.waiters is not None and task.waiters.pop(waiter, None) is not None:
             self.waits -= 1
@@ -255,7 +256,7 @@ class Agenda(Stored):
         if task.killed or task.reached & START_HANDLING:
             self._reach_what_may_be(task)
         if not (task.requested or task.killed) and self._may_start(task):
-            task.requested = not (task.message.taps or task.rare) or self._may_pass(task, first_moments(task))
+            task.requested = not (task.message.taps or task.tapping) or self._may_pass(task, first_moments(task))
             if task.requested:
                 self.startable.append(task)
         if task.watchers and task.watches_alone:
@@ -266,7 +267,7 @@ class Agenda(Stored):
         before = reached = task.reached
         if task.killed and task.slot is None:
             reached |= STARTS
-        is_tapped = task.message.taps or task.rare
+        is_tapped = task.message.taps or task.tapping is not None
         for moment, needed in task.message.rules.order:
             if not reached & moment and reached & needed == needed and self._may_reach(task, moment):
                 if is_tapped and not self._may_pass(task, moment):
@@ -277,19 +278,20 @@ class Agenda(Stored):
 
     def _may_pass(self, task: Task, moments: int) -> bool:
         """Whether no wiretap wants to be fired before a task goes on; if one does, it is."""
-        if task.killed or not (task.message.taps or (task.rare and task.rare.taps)):
+        tapping = task.tapping
+        if task.killed or not (task.message.taps or (tapping is not None and tapping.taps)):
             return True
-        if task.rare and task.rare.is_tapped:
+        if tapping is not None and tapping.is_firing:
             return False
         new = to_be_fired(task, moments)
         if new:
-            task.more.is_tapped = True
+            Tapping.of(task).is_firing = True
             self.taps_to_fire.append((task, new))
         return not new
 
     def taps_fired(self, task: Task) -> None:
         """The wiretaps before a task went on have been fired; their listeners may hold it."""
-        task.more.is_tapped = False
+        Tapping.of(task).is_firing = False
         self.look_at.append(task)
         self._look_above(task)
 
@@ -309,17 +311,17 @@ class Agenda(Stored):
         if moment & STARTS:
             if task.killed:
                 return task.slot is None
-            return task.ignores_parent or bool(task.parent and task.parent.reached & moment)
+            return bool(task.role) or bool(task.parent and task.parent.reached & moment)  # what central made is free
         if moment == END_HANDLING or not task.returned:
             return task.returned
-        if task.rare is not None and task.rare.unheard and not task.killed:
+        if task.recovery is not None and task.recovery.unheard and not task.killed:
             return False  # it may fail again, and have an exception handler to wait for
         return not (task.children if moment == END_ACHIEVING else moment == END_PLANNING and task.unplanned)
 
     def _reach(self, task: Task, moments: int) -> None:
         task.reached |= moments
         self._facts.append(Reached(task.id, moments))
-        if not task.killed and (task.message.taps or (task.rare and task.rare.taps)):
+        if not task.killed and (task.message.taps or (task.tapping is not None and task.tapping.taps)):
             self.tap_events.append((task, moments))
         if task.waiters:
             for waiter in [waiter for waiter, moment in task.waiters.items() if moment & moments]:
@@ -344,7 +346,7 @@ class Agenda(Stored):
         self.ended.append(task)
         parent = task.parent
         if task.role is Role.EXCEPTION and parent is not None:
-            parent.more.unheard += 1
+            Recovery.of(parent).unheard += 1
         if parent is None or not (parent.returned or parent.retrying):
             return
         if parent.retrying or len(parent.children or ()) == len(parent.watchers or ()):

@@ -6,9 +6,9 @@ A message is handled as long as a handler of it has a slot to be called in; ``Me
 from collections.abc import Iterable
 
 from tca_central.errors import RequestError
-from tca_central.model.deliveries import Connection
+from tca_central.model.deliveries import Connection, PresenceWait, presence_size
 from tca_central.outgoing.central_messages import broadcast_notice
-from tca_central.state import PresenceWait, State, presence_size
+from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.messages.notices import HANDLERS_CHANGED, HandlerCount
 from tca_wire.packets import headers

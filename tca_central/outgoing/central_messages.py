@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from tca_central.model.deliveries import Delivery, MessageType, ModuleResource
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_central.needs.texts import why_full
 from tca_central.state import State, dropped_fact, lose
 from tca_wire.constraints import Flags
@@ -75,8 +75,7 @@ def make_task(
     """
     about = about or parent
     task = Task(TaskId(central.new_id()), message, body, None)
-    task.role, task.ignores_parent, task.since = role, True, central.clock.now
-    task.survives = role.survives
+    task.role, task.since = role, central.clock.now
     task.context, task.sent_by = context, about.sent_by
     task.tap_depth = _tap_depth(central, about, role)
     prepare(task)

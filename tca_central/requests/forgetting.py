@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from tca_central.errors import RequestError
 from tca_central.model import registry
 from tca_central.model.deliveries import MessageType
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_central.state import Collector, State, lose
 from tca_wire.journal import facts
 from tca_wire.vocabulary import Dropping, Refusal
@@ -100,6 +100,5 @@ def _used(central: State) -> Iterator[MessageType]:
 
 def _used_by(task: Task) -> Iterator[MessageType]:
     yield task.message
-    if task.rare is not None:
-        yield from (message for message, _ in task.rare.farewells)
-        yield from (tap.listener for tap in task.rare.taps)
+    yield from (message for message, _ in (task.plans.farewells if task.plans is not None else ()))
+    yield from (tap.listener for tap in task.taps)

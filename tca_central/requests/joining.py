@@ -9,17 +9,18 @@ from tca_central.life_cycles.changes import check_wishes, restart, tell_again
 from tca_central.locks import claims
 from tca_central.model.budget import HANDLER_BYTES, RESOURCE_BYTES
 from tca_central.model.clock import checked_seconds
+from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import Connection, Delivery, Handler, Module, ModuleResource
 from tca_central.model.registry import type_size
 from tca_central.model.rights import OWNER, Rights, rights_of
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import broadcast_notice
 from tca_central.requests.forgetting import make_room
 from tca_central.requests.replying import fail_delivery
 from tca_central.requests.variables import forget_unfit_value, tell_new_watcher
 from tca_central.requests.waiting import give_up
-from tca_central.state import RaisedFailure, State, cancelled_header, deliver_header, lose
+from tca_central.state import State, cancelled_header, deliver_header, lose
 from tca_central.watching.taps import fire_after, listeners_come
 from tca_wire.journal import facts
 from tca_wire.messages.declarations import D

@@ -3,7 +3,7 @@
 from tca_central.events import PermissionsChanged
 from tca_central.model.deliveries import Module, Wiretap
 from tca_central.model.rights import Rights, rights_of
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task, place_of
 from tca_central.outgoing import direct_routes
 from tca_central.requests.joining import disconnect, remove_handlers
 from tca_central.state import State
@@ -40,6 +40,7 @@ def _take_away(central: State, module: Module, rights: Rights) -> None:
 
 
 def _may_tap(tap: Wiretap, rights: Rights) -> bool:
-    if isinstance(tap.place, Task):
+    place = place_of(tap)
+    if isinstance(place, Task):
         return True
-    return rights.allow(Permission.TAP, tap.place.name) and rights.allow(Permission.SEND, tap.listener.name)
+    return rights.allow(Permission.TAP, place.name) and rights.allow(Permission.SEND, tap.listener.name)

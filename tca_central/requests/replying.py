@@ -7,10 +7,11 @@ from tca_central.control.revoking import warn_of_losses
 from tca_central.errors import RequestError
 from tca_central.failing.failures import fail_task, failure_of, kill, reissue
 from tca_central.locks.claims import end_claims_of, pop_losses, suspect_kept_claims
+from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import Connection, Delivery
-from tca_central.model.task_tree import Task, Verdict
+from tca_central.model.tasks import Task, Verdict
 from tca_central.needs.texts import end_of_multi_query
-from tca_central.state import Collector, RaisedFailure, State, lose
+from tca_central.state import Collector, State, lose
 from tca_central.watching.taps import fire_after
 from tca_wire.journal import facts
 from tca_wire.messages.failures import HANDLER_ERROR, OVERLOAD

@@ -8,13 +8,14 @@ from tca_central.errors import RequestError
 from tca_central.failing.attaching import attach, check_attachments
 from tca_central.model.budget import ATTACHED_BYTES, EDGE_BYTES, TIMER_BYTES
 from tca_central.model.clock import checked_seconds
+from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Refusals
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_central.needs.texts import why_full
 from tca_central.outgoing.central_messages import at_birth, copies, route_statement, suspend, why_nobody_has_room
 from tca_central.outgoing.direct_routes import tell_sender
 from tca_central.requests.replying import end_if_complete, fail_delivery
-from tca_central.state import Collector, RaisedFailure, State
+from tca_central.state import Collector, State
 from tca_central.watching.taps import fire_after
 from tca_central.watching.watches import become_monitor, check_options, enlist_monitor, is_foreign
 from tca_wire.constraints import Constraint
@@ -188,8 +189,7 @@ def _make_monitor(central: State, task: Task, parent: Task, header: Send) -> Non
     options = header.watch or WatchOptions()
     check_options(central, task.message, options)
     _check_end(task.message, parent, options)
-    become_monitor(central, task, options)
-    task.more.is_guest = is_foreign(central, parent, header.origin)
+    become_monitor(central, task, options, is_guest=is_foreign(central, parent, header.origin))
 
 
 def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> None:

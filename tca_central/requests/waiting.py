@@ -6,14 +6,14 @@ from typing import Any
 from tca_central.life_cycles.observing import begin_observers_wait, end_observers_wait
 from tca_central.locks.claims import give_up_claim
 from tca_central.model.budget import WAIT_BYTES
-from tca_central.model.deliveries import Connection, Delivery
+from tca_central.model.deliveries import Connection, Delivery, PresenceWait
 from tca_central.model.intervals import checked_moment
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim
 from tca_central.needs.texts import end_of_wait
 from tca_central.outgoing.availability import end_presence_wait
 from tca_central.requests.replying import end_collector
-from tca_central.state import Collector, PresenceWait, State, TaskWait, dropped_fact
+from tca_central.state import Collector, State, TaskWait, dropped_fact
 from tca_wire.journal import facts
 from tca_wire.messages.failures import DEADLOCK
 from tca_wire.packets import headers

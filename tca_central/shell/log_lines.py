@@ -101,7 +101,7 @@ class LogLines:
 
     def _retried(self, fact: facts.Retried, _: Record) -> None:
         task = self._central.tree.tasks.get(fact.task)
-        attempts = task.rare.attempts if task is not None and task.rare is not None else 0
+        attempts = task.recovery.attempts if task is not None and task.recovery is not None else 0
         if attempts >= OFTEN and fact.task not in self._often:
             if len(self._often) >= _MOST_OFTEN:
                 self._often.clear()
@@ -111,7 +111,7 @@ class LogLines:
     def _queued(self, fact: facts.Queued, _: Record) -> None:
         if fact.module or (watch := self._central.watch_of_condition.get(fact.id)) is None:
             return
-        what = watch.condition.message.name
+        what = watch.condition.message.name if watch.condition is not None else ""
         if what not in self._unseen:
             self._unseen.add(what)
             self._log.warning("%s sees nothing until somebody handles its condition '%s'", watch.task, what)

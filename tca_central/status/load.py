@@ -12,7 +12,7 @@ from operator import attrgetter, itemgetter
 from typing import Any
 
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, ModuleResource
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_central.needs.graph import Granting, Node, Returning, Turn, TurnAt, Waiting
 from tca_central.needs.waits import Ends, next_of, waits_of
 from tca_central.order.holds import has_held_start

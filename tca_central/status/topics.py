@@ -9,7 +9,7 @@ import msgspec
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection, Handler, Holder, MessageType, ModuleResource
 from tca_central.model.registry import Value
-from tca_central.model.task_tree import KeptTask, Task
+from tca_central.model.tasks import KeptTask, Task, place_of
 from tca_central.order.holds import held_counts
 from tca_central.state import State
 from tca_central.status.load import load
@@ -161,14 +161,14 @@ def relatives(central: State, task: Task | KeptTask | None, relation: str, messa
     """Relatives of *task* (only those of a message, if named) with their data; nearest or oldest first."""
     if task is None:
         return []
-    living, kept = (task, task.rare) if isinstance(task, Task) else (None, task)
+    living = task if isinstance(task, Task) else None
     related: dict[str, Iterable[Task | KeptTask | None]] = {
         "self": (task,),
         "parent": (task.parent,),
         "children": (living.children or {}).values() if living else (),
         "ancestors": itertools.islice(task.lineage(), 1, None),
         "descendants": itertools.islice(central.tree.subtree(living), 1, None) if living else (),
-        "kept": kept.kept.values() if kept else (),
+        "kept": task.keeping.records.values() if task.keeping is not None else (),
     }
     wanted = (one for one in related[relation] if one is not None and one.id and message in ("", one.message.name))
     return [
@@ -208,9 +208,9 @@ def attached(central: State) -> dict[str, Any]:
             "id": one.id,
             "failure": one.failure,
             "handler": one.handler.name,
-            **_place(one.place),
+            **_place(place_of(one)),
             "maximum": one.maximum,
-            **_held(central, one.holders.values(), one.place, ready),
+            **_held(central, one.holders.values(), place_of(one), ready),
             "handled_by": _modules(one.handler),
         }
         for one in itertools.islice(central.attached.values(), SHOWN_TASKS)
@@ -220,8 +220,8 @@ def attached(central: State) -> dict[str, Any]:
             "id": tap.id,
             "condition": str(tap.condition),
             "listener": tap.listener.name,
-            **_place(tap.place),
-            **_held(central, tap.holders.values(), tap.place, ready),
+            **_place(place_of(tap)),
+            **_held(central, tap.holders.values(), place_of(tap), ready),
             "handled_by": _modules(tap.listener),
             "is_monitor": tap.listener.message_class.is_monitor,
         }

@@ -12,18 +12,19 @@ from msgspec.structs import replace
 
 from tca_central.errors import RequestError
 from tca_central.model.budget import ATTACHED_BYTES
+from tca_central.model.contexts import Listening, heard_by
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, Wiretap
 from tca_central.model.intervals import delivered_at
-from tca_central.model.stored import Stored
-from tca_central.model.task_tree import Task, first_moments, taps_of, to_be_fired
+from tca_central.model.task_tree import first_moments, taps_of, to_be_fired
+from tca_central.model.tasks import Tapping, Task, place_of
 from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import data_for, make_statement, make_task
-from tca_central.state import State, involved
+from tca_central.state import State
 from tca_central.watching.watches import become_monitor, check_options, end_monitor, ends_by_itself, enlist_monitor
 from tca_wire.journal import facts
 from tca_wire.messages.formats import NO_DATA, first_difference
 from tca_wire.packets import headers
-from tca_wire.packets.parts import Tapped, WatchOptions
+from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import (
     ALL_MOMENTS,
     END_ACHIEVING,
@@ -49,20 +50,6 @@ _PLANNED_BY = {
 """Conditions that hold a goal until the listener is planned, and what to do with one that has nothing to plan."""
 
 
-class Listening(Stored):
-    """The tap and message that a listener was sent for."""
-
-    __slots__ = ("tap", "tapped")
-
-    def __init__(self, tap: Wiretap, tapped: Delivery) -> None:
-        self.tap, self.tapped = tap, involved(tapped)
-
-    @property
-    def header(self) -> Tapped:
-        """The message to the listener's handler."""
-        return Tapped(self.tap.condition, self.tapped)
-
-
 # --- adding and removing ---------------------------------------------------------------------------------------------
 
 
@@ -82,7 +69,7 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
         return
     tap = _add(central, connection.module, header, listener, tapped, place)
     tap.holders[connection.module.name] = connection.module.holder
-    for other in list(place.more.taps if isinstance(place, Task) else place.taps):
+    for other in list(place.taps):
         is_said_anew = (other.condition, other.listener) == (tap.condition, listener) and other is not tap
         if is_said_anew and connection.module.name in other.holders:
             remove(central, other, connection.module)  # its monitor is to watch as is said now
@@ -207,7 +194,7 @@ def _add(
 ) -> Wiretap:  # fmt: skip
     """Add a tap, or find the same one added before: it fires once. Other watch options make another listener."""
     condition = header.condition
-    others = place.more.taps if isinstance(place, Task) else place.taps
+    others = Tapping.of(place).taps if isinstance(place, Task) else place.taps
     for other in others:
         if (other.condition, other.listener, other.watch) == (condition, listener, header.watch):
             return other
@@ -236,7 +223,7 @@ def remove(central: State, tap: Wiretap, by: Module, *, for_all: bool = False) -
     others = () if for_all else tap.holders.values()
     if any(one.called != by.called or one.run in central.registry.modules for one in others):
         return
-    (tap.place.more.taps if isinstance(tap.place, Task) else tap.place.taps).remove(tap)
+    tap.place.taps.remove(tap)
     del central.taps[tap.id]
     central.facts.append(facts.Removed(tap.id, by.name))
     if isinstance(tap.place, MessageType):
@@ -245,7 +232,7 @@ def remove(central: State, tap: Wiretap, by: Module, *, for_all: bool = False) -
 
 def forget_task(central: State, task: Task) -> None:
     """A task has ended, and its taps are gone."""
-    for tap in task.rare.taps if task.rare else ():
+    for tap in task.taps:
         del central.taps[tap.id]
 
 
@@ -270,7 +257,7 @@ def listeners_come(central: State, names: Iterable[str]) -> None:
     for tap in central.taps.values() if new else ():
         if tap.listener in new:
             for task in _waiting(central, tap):
-                if task.rare is not None and task.rare.fired.get(tap.id) is False:
+                if task.tapping is not None and task.tapping.fired.get(tap.id) is False:
                     _hold_back(central, task)
 
 
@@ -278,9 +265,10 @@ def _waiting(central: State, tap: Wiretap) -> list[Task]:
     """The tapped tasks that wait for a slot or a handler, oldest first, if the wiretap may hold such."""
     if not tap.before & STARTS:
         return []
-    if isinstance(tap.place, Task):
-        return [tap.place] if tap.place.queues is not None else []
-    return [one for one in central.dispatcher.queued(tap.place) if isinstance(one, Task)]
+    place = place_of(tap)
+    if isinstance(place, Task):
+        return [place] if place.queues is not None else []
+    return [one for one in central.dispatcher.queued(place) if isinstance(one, Task)]
 
 
 def _hold_back(central: State, task: Task) -> None:
@@ -309,7 +297,7 @@ def fire_before(central: State, task: Task, taps: list[Wiretap]) -> None:
         if tap.id not in central.taps:
             continue
         listener = _fire(central, tap, task, task.body)
-        task.more.fired[tap.id] = listener is not None or bool(tap.listener.handlers)  # else once more
+        Tapping.of(task).fired[tap.id] = listener is not None or bool(tap.listener.handlers)  # else once more
         interval = CONDITIONS[tap.condition].holds_until
         if not isinstance(listener, Task) or not interval or listener.reached & interval:
             continue
@@ -365,23 +353,22 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
 
     def prepare(listener: Task) -> None:
         if message.message_class.is_monitor:
-            become_monitor(central, listener, options)
+            is_guest = watches_it and parent is task and not recurs_on_retry(tap.condition)
+            become_monitor(central, listener, options, is_guest=is_guest)
         listener.is_watcher = listener.is_watcher and not rule.is_child
-        if watches_it and parent is task:
-            listener.more.is_guest = not recurs_on_retry(tap.condition)
 
     context = Listening(tap, tapped)
     listener = make_task(central, message, body, parent, Role.LISTENER, about=tapped, context=context, prepare=prepare)
     enlist_monitor(central, listener)
     if task is not None and rule.lasts_until:
-        task.more.listeners.append(listener)
+        Tapping.of(task).listeners.append(listener)
     return listener
 
 
 def _end_those_before(central: State, tap: Wiretap, tapped: Task) -> None:
     """A task is handled anew: end the monitors that a wiretap has had watch it till now."""
-    living = [other for other in tapped.more.listeners if other.reached != ALL_MOMENTS]
-    tapped.more.listeners = living
+    tapping = Tapping.of(tapped)
+    tapping.listeners = living = [other for other in tapping.listeners if other.reached != ALL_MOMENTS]
     for other in living:
-        if other.context.tap is tap and other.more.watch is not None:
-            end_monitor(central, other.more.watch, f"{tapped} is handled anew")
+        if heard_by(other).tap is tap and other.watch is not None:
+            end_monitor(central, other.watch, f"{tapped} is handled anew")

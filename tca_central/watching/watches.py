@@ -1,61 +1,28 @@
-"""Watches: the state of monitors, how they begin, and how they stop. The rules are in monitors.py."""
+"""Watches: how monitors begin, and how they stop. The rules are in monitors.py."""
 
 from tca_central.errors import RequestError
-from tca_central.model.clock import Timer, checked_seconds
-from tca_central.model.deliveries import Delivery, MessageType
-from tca_central.model.stored import Stored
-from tca_central.model.task_tree import Task
+from tca_central.model.clock import checked_seconds
+from tca_central.model.contexts import heard_by, monitor_of
+from tca_central.model.deliveries import MessageType
+from tca_central.model.tasks import Task, Watch
 from tca_central.outgoing.central_messages import data_for, make
-from tca_central.state import State, dropped_fact, involved
+from tca_central.state import State, dropped_fact
 from tca_wire.journal import facts
-from tca_wire.packets.parts import Watching, WatchOptions
+from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import TaskId
 from tca_wire.rules import RETURNED, recurs_on_retry
-from tca_wire.vocabulary import Due, Refusal, Role
+from tca_wire.vocabulary import Refusal, Role
 
 SHORTEST_PERIOD = 0.001
 """Seconds between two tests of a condition."""
 
-_ACTION = 1  # which part of a monitor
-_CANCEL = 2  # of a demon monitor
+_CANCEL = 2  # which part of a demon monitor
 
 
-class Watch(Stored):
-    """A monitor from its birth to its end."""
-
-    __slots__ = ("activations", "began", "condition", "count", "fires", "holds", "is_over", "options", "parts",
-                 "since", "task", "timers", "waits_for")  # fmt: skip
-
-    def __init__(self, task: Task, options: WatchOptions, parts: list[MessageType | None]) -> None:
-        self.task = task
-        self.options = options
-        self.parts = parts  #: condition and action; of a demon: set-up, action and cancel
-        self.began: float | None = None  #: when it began to watch
-        self.since = 0.0  #: from when its periods are counted
-        self.activations = 0  #: how often it is to test because it was fired
-        self.condition: Delivery | None = None  #: the test under way
-        self.holds: bool | None = None  #: how the last test came out
-        self.count = 0  #: how often its condition held, or it was fired
-        self.fires = 0  #: how many actions it has sent
-        self.timers: dict[Due, Timer] = {}
-        self.waits_for: Task | None = None  #: whose point is its end
-        self.is_over = False
-
-    @property
-    def is_on(self) -> bool:
-        """Whether it watches now."""
-        return self.began is not None and not self.is_over
-
-    @property
-    def header(self) -> Watching:
-        """The context of its messages: the monitor, and what it is fired with."""
-        action = None if self.task.message.message_class.has_condition else self.parts[_ACTION]
-        return Watching(involved(self.task), action.name if action is not None else "")
-
-    def on_reached(self, central: State, _: Task) -> None:
-        """The point at which it ends is reached."""
-        self.waits_for = None
-        end_monitor(central, self, "its end point is reached")
+def on_end_point(central: State, watch: Watch, _: Task) -> None:
+    """The point at which a monitor ends is reached."""
+    watch.waits_for = None
+    end_monitor(central, watch, "its end point is reached")
 
 
 def check_options(central: State, message: MessageType, options: WatchOptions) -> None:
@@ -81,17 +48,17 @@ def ends_by_itself(message: MessageType, options: WatchOptions) -> bool:
     return bool(is_bounded) or not message.is_aside
 
 
-def become_monitor(central: State, task: Task, options: WatchOptions) -> None:
+def become_monitor(central: State, task: Task, options: WatchOptions, *, is_guest: bool) -> None:
     """Make a new task the monitor that it is; ``check_options`` has passed."""
     parts = [central.registry.messages.get(part) for part in task.message.parts]
-    task.more.watch = Watch(task, options, parts)
+    task.watch = Watch(task, options, parts, is_guest=is_guest)
     task.is_watcher = task.message.is_aside and not options.waited_for
 
 
 def enlist_monitor(central: State, task: Task) -> None:
     """A new task has its place in the tree: a monitor is known among those that watch, or are still to, if it lives."""
-    if task.message.message_class.is_monitor and not task.killed:
-        central.watches[task.id] = task.more.watch
+    if task.watch is not None and not task.killed:
+        central.watches[task.id] = task.watch
 
 
 def is_foreign(central: State, parent: Task, origin: int) -> bool:
@@ -106,12 +73,13 @@ def is_foreign(central: State, parent: Task, origin: int) -> bool:
     is_own = origin == parent.given_as
     while one is not None and one.id >= parent.id and not is_own:
         if one.role is Role.LISTENER:
-            tapped, tap = central.tree.tasks.get(one.context.tapped.task), central.taps.get(one.context.tap.id)
+            heard = heard_by(one)
+            tapped, tap = central.tree.tasks.get(heard.tapped.task), central.taps.get(heard.tap.id)
             if tapped is parent:
                 return tap is None or not recurs_on_retry(tap.condition)
             one = tapped
         elif one.role.is_of_monitor:
-            one = one.context.task
+            one = monitor_of(one).task
         elif isinstance(one, Task):
             one = None if one.role is Role.EXCEPTION or one.is_guest else one.parent
         else:  # was sent before it was given to anybody: so this comes to an end whatever modules say

@@ -15,7 +15,8 @@ from tca_central.deadlock import deadlocks
 from tca_central.deadlock.search import Search
 from tca_central.events import Effect
 from tca_central.model.intervals import unified
-from tca_central.model.task_tree import Task, TaskTree
+from tca_central.model.task_tree import TaskTree
+from tca_central.model.tasks import Task
 from tca_central.order import cycles
 from tca_central.order.cycles import Borders, PathSearch, Place, find_path, successors
 from tca_wire.constraints import Flags

@@ -2,7 +2,7 @@
 task and beside many monitors, taps, waits and kept tasks as where there are few. Steps are lines of central's code.
 
 What one call of C looks through is one step here. What looks at every task by its nature is not here: the kill,
-suspension and retry of what has many under it.
+suspension and retry of what has many under it. A failure looks for exception handlers up to the root (decision 112).
 """
 
 import re
@@ -118,6 +118,7 @@ def cost(world: str, size: int) -> dict[str, int]:
 @pytest.mark.parametrize("world", WORLDS)
 def test_nothing_that_is_asked_takes_more_steps_in_a_larger_tree(world: str) -> None:
     few, many = cost(world, FEW), cost(world, MANY)
-    grown = {name: (few[name], many[name]) for name in ROUNDS if many[name] > few[name] + LEEWAY}
+    rounds = [name for name in ROUNDS if world != "deep" or "a failure" not in name]
+    grown = {name: (few[name], many[name]) for name in rounds if many[name] > few[name] + LEEWAY}
     assert not grown
     assert min(few.values()) > 10

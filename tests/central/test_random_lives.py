@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from properties.life import MODULES, Life, operation
 
 from tca_central.model.intervals import unified
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_central.order.cycles import ALL_ELSE, Place, all_before, successors
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Delivered, Reached, Received

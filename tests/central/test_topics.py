@@ -9,6 +9,7 @@ from central.player import ANY, Player, before, point
 from central.transcript import Transcript
 
 from tca_central.core import Central
+from tca_central.model.tasks import Recovery
 from tca_central.status import topics
 from tca_central.status.topics import TOPICS, relatives
 from tca_wire.constraints import Flags
@@ -141,4 +142,4 @@ def test_calls_of_exception_handlers_that_are_attached_anew_again_and_again_are_
         robot.play("helper/1: reply")
         robot.play(f"user: remove {attached}")
     assert len(robot.player.facts(facts.Caught)) == 100
-    assert len(robot.player.central.tree.tasks[TaskId(1)].more.invocations) < 20
+    assert len(Recovery.of(robot.player.central.tree.tasks[TaskId(1)]).invocations) < 20

@@ -7,7 +7,8 @@ from central.player import ANY, Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tca_central.model.task_tree import Task
+from tca_central.model.contexts import trouble_of
+from tca_central.model.tasks import Task
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
@@ -84,7 +85,7 @@ class Watched:
         if task.message.name != "mend" or task.slot is None:
             self.request(headers.Retry, TaskId(task.id))
             return
-        above = self.chance.choice(list(task.context.failing.lineage()))
+        above = self.chance.choice(list(trouble_of(task).failing.lineage()))
         name = task.slot.id.decode()
         self.player.receive(name, headers.Retry(self.player.number(name), TaskId(above.id), origin=task.given_as))
 

@@ -12,18 +12,19 @@ from explore.test_steering import parting, retried_while_running, walk_is_over
 from msgspec.structs import replace
 
 import tca_tools.explore as tca
-from tca_central.control import monitors, steering
-from tca_central.core import HANDLERS
+from tca_central.control import steering
+from tca_central.core import HANDLERS, REACHED
 from tca_central.failing import failures
 from tca_central.model.clock import Clock
+from tca_central.model.contexts import FailureContext
 from tca_central.model.deliveries import ModuleResource
+from tca_central.model.tasks import Recovery, Watch
 from tca_central.order.agenda import Agenda
 from tca_central.order.dispatcher import Dispatcher
 from tca_central.order.holds import Holds
 from tca_central.requests import joining
-from tca_central.state import FailureContext, TaskWait
-from tca_central.watching import taps
-from tca_central.watching.watches import Watch
+from tca_central.state import TaskWait
+from tca_central.watching import taps, watches
 from tca_module import Condition
 from tca_tools.explore import (
     achieved,
@@ -109,7 +110,7 @@ def attempts_are_not_told(patch: Patch) -> None:
     real = FailureContext.header.fget  # type: ignore[attr-defined]
 
     def header(self: FailureContext) -> Any:
-        self.failing.more.attempts = 1
+        Recovery.of(self.failing).attempts = 1
         return real(self)
 
     patch.setattr(FailureContext, "header", property(header))
@@ -135,10 +136,10 @@ def who_only_observes_has_dealt_with_it(patch: Patch) -> None:
 def calls_of_a_handler_are_not_counted(patch: Patch) -> None:
     real = failures._find
 
-    def find(central: Any, task: Any, *others: Any) -> Any:
+    def find(task: Any, *others: Any) -> Any:
         for at in task.lineage():
-            at.more.invocations.clear()
-        return real(central, task, *others)
+            Recovery.of(at).invocations.clear()
+        return real(task, *others)
 
     patch.setattr(failures, "_find", find)
 
@@ -157,7 +158,9 @@ def a_delay_is_no_delay(patch: Patch) -> None:
 
 
 def a_monitor_acts_once_more(patch: Patch) -> None:
-    patch.setattr(monitors, "Watch", lambda task, options, parts: Watch(task, once_more(options), parts))
+    patch.setattr(
+        watches, "Watch", lambda task, options, *others, **named: Watch(task, once_more(options), *others, **named)
+    )
 
 
 def once_more(options: WatchOptions) -> WatchOptions:
@@ -173,7 +176,7 @@ def nothing_is_done_on_termination(patch: Patch) -> None:
 
 
 def a_wait_is_never_over(patch: Patch) -> None:
-    patch.setattr(TaskWait, "on_reached", lambda _self, _central, _task: None)
+    patch.setitem(REACHED, TaskWait, lambda _central, _wait, _task: None)
 
 
 def what_nobody_handles_is_sent_all_the_same(patch: Patch) -> None:

@@ -14,13 +14,13 @@ from sampling import one_in
 from tca_central.control.steering import PendingKill
 from tca_central.core import Central
 from tca_central.events import ConnectionId
+from tca_central.model.contexts import FailureContext
 from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, ModuleResource
 from tca_central.model.registry import Registry
 from tca_central.model.resources import Claim
-from tca_central.model.task_tree import Rare, TaskTree, Verdict
+from tca_central.model.task_tree import TaskTree
+from tca_central.model.tasks import Tapping, Verdict, Watch
 from tca_central.order.holds import PendingDelay
-from tca_central.state import FailureContext
-from tca_central.watching.watches import Watch
 from tca_module import Condition, QueryFailed, Refused, Timeout, this
 from tca_tools.explore import Scenario, Script, Task
 from tca_tools.explore.observed.world import Name, World
@@ -209,7 +209,7 @@ def test_the_world_is_as_central_is(name: str) -> None:
             assert living.keys() == played.central.tree.tasks.keys()
             for task in played.central.tree.tasks.values():
                 seen = living[task.id]
-                attempts = (task.rare.attempts if task.rare else 1) + task.retrying
+                attempts = (task.recovery.attempts if task.recovery else 1) + task.retrying
                 assert (seen.reached, seen.is_suspended, seen.is_killed, seen.is_handled, seen.is_queued) == (
                     task.reached, task.suspended, bool(task.killed), task.is_running, task.queues is not None
                 ), seen  # fmt: skip
@@ -280,7 +280,7 @@ def test_the_tables_name_what_there_is() -> None:
         central, central.tree, central.registry, central.agenda, central.agenda.holds, central.dispatcher, central.tree.root, resource,
         central.dispatcher.messages_ahead, message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module, 0),
         Claim(resource, Connection(ConnectionId(b""), "", module, 0), module, admits_owner=False),
-        central.clock, central.clock.after(1, Due.TEST, None), PendingDelay(central.tree.root, 1, None), Rare(),  # type: ignore[arg-type]
+        central.clock, central.clock.after(1, Due.TEST, None), PendingDelay(central.tree.root, 1, None), Tapping(),  # type: ignore[arg-type]
         Watch(central.tree.root, WatchOptions(), []), PendingKill(central.tree.root, Scope.TASK, 0, Verdict("")),
         FailureContext(*[None] * 5), AttachedHandler(1, "", message, 0, message, "legs"),  # type: ignore[arg-type]
     ]  # fmt: skip

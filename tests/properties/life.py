@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId
+from tca_central.model.contexts import heard_by, monitor_of, trouble_of
 from tca_central.model.deliveries import Delivery
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Delivered, Received
 from tca_wire.messages.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT
@@ -201,7 +202,7 @@ class Life:
         name, task = "user", self.task(a)
         if handler is not None and handler.slot is not None:
             name = handler.slot.id.decode()
-            path = list(handler.context.failing.lineage())
+            path = list(trouble_of(handler).failing.lineage())
             task = TaskId(path[c % len(path)].id) if d % 4 else task  # what it may retry
         if task:
             self.player.receive(name, headers.Retry(self.player.number(name), task, b % 2 == 0), b"\x08")
@@ -245,13 +246,12 @@ class Life:
 
     def causes(self, handled: Delivery) -> list[int]:
         """The tasks because of which a handler may have been called."""
-        about = handled.context
         if handled.role is Role.LISTENER:
-            return [about.tapped.task]
+            return [heard_by(handled).tapped.task]
         if isinstance(handled, Task):
             return [int(one.id) for one in handled.lineage()]
         if handled.role:
-            return [int(one.id) for one in about.task.lineage()]
+            return [int(one.id) for one in monitor_of(handled).task.lineage()]
         sending = self.central.dispatcher.running.get(handled.origin)
         return [sending.id] if sending is not None else []
 

@@ -7,7 +7,7 @@ from central.player import Player
 from central.transcript import PAUSABLE
 from properties.life import OPERATIONS, Life
 
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_wire.journal.facts import Fact
 from tca_wire.life_cycles import BASIC, LifeCycle
 from tca_wire.packets import headers

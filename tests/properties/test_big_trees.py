@@ -5,7 +5,7 @@ from central.player import Player, before, point
 
 from dev.benchmarks.core_control import Steered
 from dev.benchmarks.core_events import USER
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Constrained
 from tca_wire.packets.changes import Observe

@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 from properties.folded import Folding
 from properties.test_deadlocks import Blocking, waits_in
 
-from tca_central.model.deliveries import Connection, Delivery
+from tca_central.model.deliveries import Connection, Delivery, PresenceWait
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim
-from tca_central.state import Collector, PresenceWait, TaskWait
+from tca_central.state import Collector, TaskWait
 from tca_tools.journal.fold import History
 from tca_wire.packets import headers
 from tca_wire.points import Moment

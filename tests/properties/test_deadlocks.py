@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from tca_central.core import Central
 from tca_central.deadlock import deadlocks
 from tca_central.model.deliveries import Connection, Delivery
-from tca_central.model.task_tree import Task
+from tca_central.model.observers import Observation
+from tca_central.model.tasks import Task
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import RequestRefused
 from tca_wire.packets import headers
@@ -118,7 +119,7 @@ class Blocking(Player):
             self.receive(who, following if what == "follow" else headers.AwaitPoint(number, place, origin))
             asked.append(number)
         outstanding = self.central.registry.connections[who.encode()].outstanding  # type: ignore[index]
-        seen = sum(outstanding[number].told for number in asked) if what == "follow" else 0
+        seen = sum(one.told for number in asked if isinstance(one := outstanding[number], Observation))
         self.receive(who, headers.Await(asked[0], self.blocks(by), origin, asked[1:], seen=seen))
 
     def blocks(self, by: Delivery | None) -> bool:

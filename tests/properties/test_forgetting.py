@@ -13,11 +13,10 @@ from properties.life import Life, operation
 from tca_central.control.steering import PendingDeadline, PendingKill
 from tca_central.core import Central
 from tca_central.model.clock import Timer
+from tca_central.model.contexts import Listening
 from tca_central.model.deliveries import Delivery
-from tca_central.model.task_tree import Rare
+from tca_central.model.tasks import Clients, Keeping, Plans, Recovery, Tapping, Watch
 from tca_central.order.holds import PendingDelay
-from tca_central.watching.taps import Listening
-from tca_central.watching.watches import Watch
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
 from tca_wire.packets.parts import MessageFormat, WatchOptions
@@ -25,15 +24,28 @@ from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Scope
 
 END = Moment.END_ACHIEVING
-PASSING = (Delivery, Rare, Watch, PendingKill, PendingDeadline, PendingDelay, Timer, Listening)
+PASSING = (
+    Delivery,
+    Recovery,
+    Tapping,
+    Plans,
+    Clients,
+    Keeping,
+    Watch,
+    PendingKill,
+    PendingDeadline,
+    PendingDelay,
+    Timer,
+    Listening,
+)
 """What is only there for tasks and messages that have not ended."""
 
 
 def held(central: Central) -> Counter[str]:
     """How many objects of those classes can be reached from central; its root, which never ends, is not counted."""
-    found = Counter[str]()
+    found, root = Counter[str](), central.tree.root
     for one in reachable(central):
-        if isinstance(one, PASSING) and one not in (central.tree.root, central.tree.root.rare):
+        if isinstance(one, PASSING) and one not in (root, root.recovery, root.tapping, root.plans, root.keeping):
             found[type(one).__name__] += not (isinstance(one, Timer) and one.is_cancelled)
     return +found
 

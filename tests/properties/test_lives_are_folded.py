@@ -10,7 +10,7 @@ from properties.folded import Folding
 from properties.life import OPERATIONS, Life, small
 from tools.runs import OPENED, TRANSCRIPTS, checked
 
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_tools.journal.fold import History
 from tca_tools.journal.lives import life_at
 from tca_wire.life_cycles import GENERAL

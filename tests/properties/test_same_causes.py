@@ -12,7 +12,7 @@ from properties.folded import FoldedPlayer
 from properties.life import Life
 
 from tca_central.core import Central
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_central.needs.graph import Group, Node, needs
 from tca_central.needs.waits import Ends as CentralEnds
 from tca_central.needs.waits import next_of, waits_of
@@ -65,7 +65,7 @@ class AskedPlayer(FoldedPlayer):
         living = self.central.tree.tasks
         idle = [one for one in living.values() if keeps_nobody(living, one) and one is not task and one.above(task.id)]
         self.spared += bool(idle)
-        asked = [one.more.watch.condition for one in idle if one.more.watch.condition is not None]
+        asked = [one.watch.condition for one in idle if one.watch is not None and one.watch.condition is not None]
         wrong = named & {one.id for one in (*idle, *asked)}
         assert not wrong or wrong <= self.awaited(task), f"{task}: {wrong}"
 

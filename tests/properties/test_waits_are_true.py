@@ -14,7 +14,7 @@ from properties.test_deadlocks import Blocking
 from properties.test_deadlocks import steps as blocking_steps
 
 from tca_central.core import Central
-from tca_central.model.task_tree import Task
+from tca_central.model.tasks import Task
 from tca_central.needs.graph import needs
 from tca_central.needs.waits import Ends as CentralEnds
 from tca_central.needs.waits import next_of

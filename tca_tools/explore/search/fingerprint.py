@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from tca_central.model.deliveries import MessageType, Module
+from tca_central.model.deliveries import Module
 from tca_tools.check.records import Hold, MessageRecord
 from tca_tools.explore.observed.world import SEEN
 from tca_tools.explore.play.actors import Actor
@@ -50,6 +50,7 @@ IGNORED = {
     "Holds": {
         "ending",  # empty between events
         "edges",  # counted from the constraints
+        "ended_followers",  # when to look through them
     },
     "Registry": {
         "connections",  # met through their modules
@@ -77,8 +78,7 @@ IGNORED = {
         "ticket",  # marks void entries of the queue, which are left out
         "since",  # for people
     },
-    "Task": {"parent", "size"},  # met as a child of it; what follows
-    "Rare": {"ended_followers"},  # when to look through them
+    "Task": {"parent", "size", "sequence"},  # met as a child of it; what follows; its children once more
     "Agenda": {"_facts", "waits"},
     "Resource": {"_sent_by", "numbers"},  # the same queue in other words; for people
     "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # its place in the queue shows
@@ -259,8 +259,7 @@ class _Walk:
         """An attachment that may have been removed since: its place among the others is by its age."""
         self.add(attached)
         place = attached.place
-        others = place.attached if isinstance(place, MessageType) else place.more.attached
-        self._out.append(sum(other.id < attached.id for other in others))
+        self._out.append(sum(other.id < attached.id for other in place.attached))
 
     def digest(self) -> bytes:
         for ranks in self._ranks.values():
@@ -313,8 +312,8 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("TaskTree", "top_of_module"): lambda walk, _, siblings: walk.add(_by_name(siblings)),
     ("Task", "children"): _Walk.add_children,
     ("Delivery", "arrival"): _Walk.add_rank,
-    ("Rare", "fired"): lambda walk, _, taps: walk.add(sorted(taps.items())),
-    ("Rare", "listeners"): lambda walk, _, tasks: walk.add([one for one in tasks if one.reached != ALL_MOMENTS]),
+    ("Tapping", "fired"): lambda walk, _, taps: walk.add(sorted(taps.items())),
+    ("Tapping", "listeners"): lambda walk, _, tasks: walk.add([one for one in tasks if one.reached != ALL_MOMENTS]),
     ("FailureContext", "attached"): _Walk.add_attachment,
     ("PendingKill", "verdict"): lambda walk, _, verdict: walk.add([verdict.why, verdict.by]),
     ("Watch", "timers"): lambda walk, _, timers: walk.add(
