@@ -116,7 +116,7 @@ def _check_constraints(central: State) -> None:
     assert all(tree.tasks.get(one.id) is one for one in tree.across), "an edge begins at a task that has ended"
     assert all(one.followers for one in central.agenda.holds.ended_followers), "followers that ended are still counted"
     for number in tree.never_began:
-        assert number in central.outcomes or tree.tasks[number].killed, f"task {number} is no killed one"
+        assert number in central.memory.outcomes or tree.tasks[number].killed, f"task {number} is no killed one"
 
 
 def _check_place(central: State, task: Task) -> None:
@@ -327,7 +327,7 @@ def _check_connections(central: State) -> None:
 
 def _check_kept(central: State) -> None:
     """Check that records are of ended tasks that connected modules keep, under parents that exist."""
-    tree, kept, modules = central.tree, central.kept, central.registry.modules.values()
+    tree, kept, modules = central.tree, central.memory.kept, central.registry.modules.values()
     for record in kept.values():
         parent = record.parent
         assert record.id not in tree.tasks, f"record {record.id}: its task lives"
@@ -341,8 +341,8 @@ def _check_kept(central: State) -> None:
         assert module in Keeping.of(kept.get(number) or tree.tasks[number]).by, (
             f"'{module.name}' keeps {number}, which does not know it"
         )
-    assert central.keep_count == len(promises), f"{central.keep_count} promises, counted {len(promises)}"
-    assert central.kept_bytes == sum(record.size for record in kept.values()), "size of the records"
+    assert central.memory.promises == len(promises), f"{central.memory.promises} promises, counted {len(promises)}"
+    assert central.memory.kept_bytes == sum(record.size for record in kept.values()), "size of the records"
 
 
 def _check_variables(central: State) -> None:

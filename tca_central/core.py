@@ -44,7 +44,7 @@ from tca_central.life_cycles import busy, changes, observing
 from tca_central.locks import claims
 from tca_central.model.clock import Timer
 from tca_central.model.deliveries import Connection, Module, Wiretap
-from tca_central.model.tasks import Recovery, Task, Watch
+from tca_central.model.tasks import Recovery, Task, TaskOutcome, Watch
 from tca_central.outgoing import availability, direct_routes
 from tca_central.requests import (
     hanging,
@@ -66,11 +66,7 @@ from tca_wire.packets.changes import ChangeState, Observe
 from tca_wire.packets.headers import Accepted, Refused, ToCentral
 from tca_wire.packets.routes import Noted, WatchEntrance
 from tca_wire.text.printable import shortened
-from tca_wire.vocabulary import Due, Limit, Outcome, Refusal, Role
-
-REMEMBERED_OUTCOMES = 10_000
-"""Ended tasks whose failure or result can still be asked for."""
-
+from tca_wire.vocabulary import Due, Limit, Refusal, Role
 
 _LONGEST_BODY = int(Limit.BODY)
 
@@ -125,7 +121,7 @@ class Central(State):
     def _let_fire(self, timer: Timer, time: float, effects: list[Effect]) -> None:
         self.events += 1
         due, subject = timer.due, timer.subject
-        about = getattr(subject, "task", subject)  # the task or the claim
+        about: Any = getattr(subject, "task", subject)  # the task or the claim
         TIMERS[due](self, subject)
         self._settle()
         self._report(effects, time, causes.TimeOver(due, about.id if about is not None else 0))
@@ -266,14 +262,6 @@ class Central(State):
                 header = Refused(number, Refusal.TOO_LATE, text)
         self.messages.append(Transmit(connection.id, header, body))
 
-    def begin(self, task: Task) -> None:
-        """A handler has got a task: it accepts it, unless it says so itself."""
-        changes.begin(self, task)
-
-    def tell_birth(self, task: Task) -> None:
-        """Tell those who observe a task that it is new."""
-        observing.tell_birth(self, task)
-
     # --- shared by the rules ---------------------------------------------------------------------------------------
 
     def _settle(self) -> None:
@@ -356,18 +344,14 @@ class Central(State):
         if task.result or task.killed or task.failure is not None:
             self._remember(task, self.outcome(task))
 
-    def _remember(self, task: Task, outcome: tuple[Outcome, str, str, bytes]) -> None:
+    def _remember(self, task: Task, outcome: TaskOutcome) -> None:
         """Keep an outcome of which there is more to tell than that the task is done."""
-        self.outcomes[task.id] = outcome
+        owners = self.registry.permissions.outcome_owners
         if self.registry.permissions.rules is not None and isinstance(task.sent_by, Module):
-            self.registry.permissions.outcome_owners[task.id] = task.sent_by.principal
-        self.outcome_bytes += _size(outcome)
-        while len(self.outcomes) > REMEMBERED_OUTCOMES or self.outcome_bytes > self.budget.outcomes:
-            oldest = next(iter(self.outcomes))
-            self.outcome_bytes -= _size(self.outcomes.pop(oldest))
-            self.registry.permissions.outcome_owners.pop(oldest, None)
-            self.tree.never_began.pop(oldest, None)
-            self.forgotten = max(self.forgotten, oldest)
+            owners[task.id] = task.sent_by.principal
+        for forgotten in self.memory.remember(task.id, outcome, self.budget.outcomes):
+            owners.pop(forgotten, None)
+            self.tree.never_began.pop(forgotten, None)
 
 
 def _named(connection: Connection | None) -> tuple[str, int]:
@@ -379,10 +363,6 @@ def _first_of(startable: list[Task]) -> list[Task]:
     """The startable tasks that go before all others: all of one kind."""
     stranded = [task for task in startable if task.is_stranded]
     return stranded or [task for task in startable if task.message.message_class.is_monitor] or startable
-
-
-def _size(outcome: tuple[Outcome, str, str, bytes]) -> int:
-    return len(outcome[2]) + len(outcome[3])
 
 
 HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {

@@ -2,7 +2,8 @@
 
 from collections import deque
 from collections.abc import Iterable
-from typing import Any
+
+import msgspec
 
 from tca_central.errors import RequestError
 from tca_central.events import Effect, LimitsSet, Transmit
@@ -28,26 +29,24 @@ from tca_central.model.deliveries import (
     MessageType,
     Wiretap,
 )
-from tca_central.model.observers import Observers
+from tca_central.model.memory import Memory
+from tca_central.model.observers import Observation, Observers
 from tca_central.model.registry import Registry, Variables
 from tca_central.model.resources import Claim
 from tca_central.model.stored import Stored
 from tca_central.model.task_tree import TaskTree, taps_of
-from tca_central.model.tasks import KeptTask, Task, Watch
+from tca_central.model.tasks import Task, TaskOutcome, Watch
 from tca_central.order.agenda import Agenda
-from tca_central.order.dispatcher import Dispatcher
+from tca_central.order.dispatcher import Dispatcher, Suspect
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer, ToModule
-from tca_wire.packets.parts import MessageFormat
+from tca_wire.packets.parts import MessageFormat, StateChange
 from tca_wire.points import ROOT, TaskId
 from tca_wire.rules import DELIVERED
 from tca_wire.text import measures
 from tca_wire.text.printable import shortened
-from tca_wire.vocabulary import CENTRAL, Dropping, Due, MessageClass, Outcome, Refusal
-
-Suspect = Delivery | Claim[Connection] | tuple[Connection, int]
-"""A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for a request."""
+from tca_wire.vocabulary import CENTRAL, Dropping, Due, MessageClass, Outcome, Party, Refusal
 
 
 class Collector(Stored):
@@ -81,7 +80,7 @@ class TaskWait(Stored):
         self.connection, self.number, self.origin = connection, header.number, header.origin
         self.task_id, self.moment = header.point.task, int(header.point.moment)
 
-    def answer(self, central: "State", outcome: tuple[Outcome, str, str, bytes]) -> None:
+    def answer(self, central: "State", outcome: TaskOutcome) -> None:
         """Send the waiter the task's outcome."""
         if self.connection.outstanding.pop(self.number, None) is not None:
             central.facts.append(facts.WaitEnded(self.connection.module.name, self.origin, self.task_id))
@@ -145,17 +144,17 @@ class State:
     """The parts, put together. ``facts`` and ``messages`` are those of the event being handled."""
 
     __slots__ = ("agenda", "answers", "attached", "blocked", "budget", "claimed_for", "claims", "clock",
-                 "collectors", "dispatcher", "epoch", "events", "facts", "failed", "forgotten", "hold",
-                 "is_disk_low", "keep_count", "kept", "kept_bytes", "look_after", "lost", "may_have_closed",
-                 "messages", "next_look", "observers", "origin", "outcome_bytes", "outcomes", "registry", "scan",
-                 "suspects", "taps", "tree", "untold", "variables", "watch_of_condition", "watches")  # fmt: skip
+                 "collectors", "dispatcher", "epoch", "events", "facts", "failed", "hold", "is_disk_low",
+                 "look_after", "lost", "may_have_closed", "memory", "messages", "next_look", "observers",
+                 "origin", "registry", "scan", "suspects", "taps", "tree", "untold", "variables",
+                 "watch_of_condition", "watches")  # fmt: skip
 
     def __init__(self, epoch: str = "test") -> None:
         self.epoch = epoch
         self.budget, self.answers = Budget(), KeptAnswers(Budget().answers)
         self.registry, self.observers = Registry(), Observers()
         self.tree = TaskTree(MessageType(MessageFormat("root", MessageClass.GOAL, "", ""), "central"))
-        self.facts: list[Any] = []  #: of the event being handled
+        self.facts: list[facts.Fact] = []  #: of the event being handled
         self.failed: dict[int, str] = {}  #: its failed parts, in words, for the log
         self.clock = Clock()
         self.agenda = Agenda(self.tree, self.facts, self.clock)
@@ -167,18 +166,14 @@ class State:
         self.blocked: dict[Connection, None] = {}  #: connections that do nothing until they are answered
         self.look_after = 0.25  #: seconds after which they are looked at again (0: nobody looks for deadlocks)
         self.next_look: Timer | None = None
-        self.scan: Any = None  #: a look that goes on then (deadlocks.py)
+        self.scan: object = None  #: a look that goes on then (deadlocks.py)
         self.may_have_closed = False  #: something has happened since it began that may have closed a circle
         self.dispatcher = Dispatcher(self.facts, self, self.suspects, self.clock)
         self.variables = Variables()
         self.claims: dict[tuple[Connection, int], Claim[Connection]] = {}  #: by claimant and the request's number
         self.claimed_for: dict[Delivery, list[Claim[Connection]]] = {}  #: claims that end with a task or message
         self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
-        self.outcomes: dict[int, tuple[Outcome, str, str, bytes]] = {}  #: of ended tasks, oldest first
-        self.outcome_bytes = self.kept_bytes = 0  #: size of what these, and the records of kept tasks, hold
-        self.forgotten = 0  #: the highest id of a task whose outcome was kept, and is no more
-        self.kept: dict[int, KeptTask] = {}  #: records of ended tasks that modules keep, by id, oldest first
-        self.keep_count = 0  #: number of tasks, living or ended, that each module keeps, added up
+        self.memory = Memory()
         self.events = 0  #: number of events handled, and of timers
         self.origin = 0  #: of the event being handled: the delivery whose handler asks (0: none)
         self.hold = RestartHold()
@@ -216,17 +211,65 @@ class State:
             self.messages.append(Transmit(slot.id, deliver_header(delivery), delivery.body))
 
     def begin(self, task: Task) -> None:
-        """A handler has got a task that somebody observes, or may say itself when it accepts it: see the core."""
-        raise NotImplementedError
+        """A handler has got a task, and accepts it, unless it says so itself."""
+        handler = task.handler
+        if (handler is None or not handler.accepts) and task.state == task.message.initial:
+            task.state = task.message.running
+            task.serial += 1
+            module = task.slot.module.name if task.slot is not None else ""
+            self.tell_observers(task, task.message.life_cycle.accepted.name, Party.SERVER, module)
 
-    def note_birth(self, task: Task) -> None:
-        """A task is new: who observes it is told."""
-        if self.observers.concern(task):
-            self.tell_birth(task)
+    # --- observers --------------------------------------------------------------------------------------------------
 
     def tell_birth(self, task: Task) -> None:
-        """A task that somebody observes is new: see the core."""
-        raise NotImplementedError
+        """Tell those who observe a task that it is new."""
+        if self.observers.concern(task) and task.state == task.message.initial:
+            module = task.sender.module.name if task.sender is not None else ""
+            self.tell_observers(task, "initiated", Party.CLIENT if module else Party.CENTRAL, module)
+
+    def tell_observers(
+        self, task: Task, transition: str, by: Party, module: str = "", text: str = "", data: bytes = b"",
+        *, outcome: Outcome | None = None,
+    ) -> None:  # fmt: skip
+        """Tell all who observe a task of a change; with its *outcome* it is over, and nobody observes it any more."""
+        observers = list(self.observers.of(task)) if self.observers.concern(task) else []
+        if not (observers or (outcome is not None and self.observers.others)):
+            return
+        change = StateChange(
+            TaskId(int(task.id)), task.message.name, task.serial, task.state, transition, by, module, text, task.body,
+            data, is_over=outcome is not None, outcome=outcome,
+        )  # fmt: skip
+        encoded = msgspec.msgpack.encode(change)
+        for one in observers:
+            self.tell_observer(one, encoded, task.state)
+        if outcome is not None:
+            for one in [one for one in (*observers, *self.observers.others) if task.id in (one.task_id, one.below)]:
+                self.end_observers_wait(one)
+                self.observers.remove(one)
+                one.connection.outstanding.pop(one.number, None)
+                self.send(one.connection, one.number, Answer(one.number))
+
+    def tell_observer(self, observation: Observation, encoded: bytes, state: str) -> None:
+        """Tell somebody of a change to a state, if it is one of those that are observed."""
+        if not observation.states or state in observation.states:
+            self.end_observers_wait(observation)
+            observation.told += 1
+            self.tell(observation.connection, Answer(observation.number, more=True), encoded)
+
+    def end_observers_wait(self, observation: Observation) -> None:
+        """There is news, or nobody waits for it any more."""
+        if not observation.is_awaited:
+            return
+        connection, number = observation.connection, observation.number
+        wait = connection.pauses.get(number) or connection.waits.get(number)
+        self.unblock(connection, number)
+        others = wait.together if wait is not None and not wait.is_coroutine else ()  # a coroutine still awaits them
+        for one in (observation, *map(connection.outstanding.get, others)):
+            if isinstance(one, Observation) and one.is_awaited:
+                one.is_awaited = False
+                self.facts.append(facts.WaitEnded(*one.wait))
+
+    # --- messages to modules ----------------------------------------------------------------------------------------
 
     def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
         """Send a slot a message that it is to handle when it has handled those before."""
@@ -240,7 +283,7 @@ class State:
         self.facts.append(facts.Recalling(slot.resource.module, slot.resource.name))
         self.tell(slot, headers.Recall([delivery.given_as for delivery in slot.resource.ahead]))
 
-    def outcome(self, task: Task) -> tuple[Outcome, str, str, bytes]:
+    def outcome(self, task: Task) -> TaskOutcome:
         """A task's outcome, failure's name, text, and data or result. A failure that was resolved is only named."""
         if task.failure is not None:
             failure, text, body = task.failure
@@ -251,20 +294,6 @@ class State:
         if task.killed:
             return Outcome.KILLED, "", task.killed, b""
         return Outcome.DONE, "", "", task.result
-
-    def outcome_of_ended(self, task_id: int) -> tuple[Outcome, str, str, bytes] | None:
-        """The outcome of an ended task; None if it is forgotten."""
-        if (record := self.kept.get(task_id)) is not None:
-            return record.outcome
-        if task_id <= self.forgotten and task_id not in self.outcomes:
-            return None
-        return self.outcomes.get(task_id, (Outcome.DONE, "", "", b""))
-
-    def known_outcome(self, task_id: int) -> tuple[Outcome, str, str, bytes]:
-        """The outcome of an ended task. Raises RequestError if it is forgotten."""
-        if (outcome := self.outcome_of_ended(task_id)) is not None:
-            return outcome
-        raise RequestError(Refusal.TOO_LATE, f"task {task_id} ended too long ago to know how: see the journal")
 
     def note_failure(
         self, delivery: Delivery, failure: RaisedFailure, *, is_beside: bool = False, by: str = ""

@@ -94,7 +94,7 @@ def _see(central: State, connection: Connection, number: TaskId) -> None:
         if not is_its and not _decides_for(central, connection, task):
             raise forbidden(connection, f"see {task}, which is somebody else's")
         return
-    owner, record = central.registry.permissions.outcome_owners.get(number), central.kept.get(number)
+    owner, record = central.registry.permissions.outcome_owners.get(number), central.memory.kept.get(number)
     if owner == connection.principal or (owner is None and record is None) or _may(connection, ADMINISTER, "tree"):
         return
     if record is None or not _may_see_record(connection, record):

@@ -22,7 +22,7 @@ MOST_KEPT = 10_000
 def on_keep(central: State, connection: Connection, header: headers.Keep, _: bytes) -> None:
     """A module keeps a task from now on, or no longer; letting go a task that is not kept is no error."""
     task = central.tree.task(header.task)
-    record = central.kept.get(header.task)
+    record = central.memory.kept.get(header.task)
     if header.release:
         release(central, header.task, connection.module)
     elif task is None and record is None:
@@ -34,7 +34,7 @@ def on_keep(central: State, connection: Connection, header: headers.Keep, _: byt
 
 def check_room(central: State) -> None:
     """Raises RequestError if no more tasks can be kept."""
-    if central.keep_count >= MOST_KEPT:
+    if central.memory.promises >= MOST_KEPT:
         text = f"{MOST_KEPT} tasks are kept already: release those that nobody asks for any more"
         raise RequestError(Refusal.OVERLOAD, text)
 
@@ -47,7 +47,7 @@ def keep(central: State, task: Task | KeptTask | None, module: Module) -> None:
     check_room(central)
     Keeping.of(task).by[module] = None
     module.keeps[task.id] = None
-    central.keep_count += 1
+    central.memory.promises += 1
     central.facts.append(facts.Kept(TaskId(task.id), module.name))
 
 
@@ -56,9 +56,9 @@ def release(central: State, task_id: int, module: Module) -> None:
     if task_id not in module.keeps:
         return
     del module.keeps[task_id]
-    central.keep_count -= 1
+    central.memory.promises -= 1
     central.facts.append(facts.Released(TaskId(task_id), module.name))
-    record = central.kept.get(task_id)
+    record = central.memory.kept.get(task_id)
     keeping = Keeping.of(record or central.tree.tasks[task_id])
     del keeping.by[module]
     if record is not None and not keeping.by:
@@ -79,10 +79,10 @@ def keep_or_drop(central: State, task: Task, keeping: Keeping) -> None:
         return
     record = KeptTask(task, central.outcome(task), keeping)
     record.siblings[record.id] = record
-    central.kept[record.id] = record
-    central.kept_bytes += record.size
-    while central.kept_bytes > central.budget.kept:  # the oldest go first
-        _drop(central, next(iter(central.kept.values())))
+    central.memory.kept[record.id] = record
+    central.memory.kept_bytes += record.size
+    while central.memory.kept_bytes > central.budget.kept:  # the oldest go first
+        _drop(central, next(iter(central.memory.kept.values())))
 
 
 def _drop(central: State, record: KeptTask) -> None:
@@ -92,9 +92,9 @@ def _drop(central: State, record: KeptTask) -> None:
     while forgotten:
         one = forgotten.pop()
         forgotten.extend(one.keeping.records.values())
-        del central.kept[one.id]
-        central.kept_bytes -= one.size
+        del central.memory.kept[one.id]
+        central.memory.kept_bytes -= one.size
         for module in one.keeping.by:
             del module.keeps[one.id]
-            central.keep_count -= 1
+            central.memory.promises -= 1
         central.facts.append(facts.Released(TaskId(one.id), ""))

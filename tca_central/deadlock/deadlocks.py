@@ -27,8 +27,9 @@ from tca_central.model.tasks import Task
 from tca_central.needs.graph import Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting
 from tca_central.needs.waits import wait_for_group, waits_of
 from tca_central.order.cycles import Place
+from tca_central.order.dispatcher import Suspect
 from tca_central.requests.waiting import give_up
-from tca_central.state import State, Suspect
+from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.messages.failures import DEADLOCK
 from tca_wire.packets.headers import Refused
@@ -125,14 +126,15 @@ def _schedule(central: State) -> None:
 
 def on_look(central: State, _: None) -> None:
     """Look at all that blocks, or go on with that."""
-    central.next_look = None
-    if central.scan is None:
-        central.scan, central.may_have_closed = DeadlockScan(central), False
+    central.next_look, scan = None, central.scan
+    if isinstance(scan, DeadlockScan):
+        scan.search.resume(SLICE)
     else:
-        central.scan.search.resume(SLICE)
+        central.scan = scan = DeadlockScan(central)
+        central.may_have_closed = False
     try:
-        while central.scan.starts:
-            _look_at_next(central, central.scan)
+        while scan.starts:
+            _look_at_next(central, scan)
         central.scan = None
     except TooLongError:
         _schedule(central)

@@ -12,8 +12,7 @@ kills what is under the task and lets it be handled again with the new goal; a c
 
 from tca_central.errors import RequestError
 from tca_central.failing.failures import check_order, kill, retry_task
-from tca_central.life_cycles.observing import tell
-from tca_central.model.deliveries import Connection, Handler
+from tca_central.model.deliveries import Connection
 from tca_central.model.tasks import ClientRequest, Task, Verdict
 from tca_central.state import State
 from tca_wire.journal import facts
@@ -43,16 +42,6 @@ def check_wishes(handled: HandlerFormat, declared: MessageFormat) -> None:
             raise RequestError(Refusal.PROTOCOL, text)
 
 
-def begin(central: State, task: Task) -> None:
-    """A handler has got a task, and accepts it, unless it says so itself."""
-    handler = handler_of(task)
-    if (handler is None or not handler.accepts) and task.state == task.message.initial:
-        module = task.slot.module.name if task.slot is not None else ""
-        task.state = task.message.running
-        task.serial += 1
-        tell(central, task, task.message.life_cycle.accepted.name, Party.SERVER, module)
-
-
 def restart(central: State, task: Task) -> None:
     """A task goes to a handler once more. One that is to end at a client's request ends instead."""
     asked = central.tree.forget_asked(task)
@@ -63,12 +52,7 @@ def restart(central: State, task: Task) -> None:
     elif task.state != task.message.initial:
         task.state = task.message.initial
         task.serial += 1
-        tell(central, task, "restarted", Party.CENTRAL)
-
-
-def handler_of(task: Task) -> Handler | None:
-    """The handler that has a task; None if none has."""
-    return task.slot.module.handlers.get(task.message.name) if task.slot is not None else None
+        central.tell_observers(task, "restarted", Party.CENTRAL)
 
 
 def on_change_state(central: State, connection: Connection, header: ChangeState, body: bytes) -> None:
@@ -121,7 +105,7 @@ def _change_by_client(central: State, connection: Connection, header: ChangeStat
 
 def asked_for(central: State, task: Task, step: Transition, module: str, text: str, body: bytes = b"") -> None:
     """A client asks for something: the handler decides, or central for it."""
-    handler = handler_of(task)
+    handler = task.handler
     is_told = handler is not None and step.name in handler.takes
     if not (is_told or _is_awaited(task, task.state, step.name)):
         raise RequestError(Refusal.PROTOCOL, f"no handler of {task} takes '{step.name}': see takes=")
@@ -182,7 +166,7 @@ def _decide(central: State, task: Task, step: Transition, asked: ClientRequest, 
 def _why_refused(central: State, task: Task, step: Transition, source: str) -> str:
     """The reason why a request is refused in the name of the task's handler; "" if it is granted."""
     handlers = task.message.handlers
-    handler = handler_of(task) or (handlers[-1] if handlers and source != task.message.initial else None)
+    handler = task.handler or (handlers[-1] if handlers and source != task.message.initial else None)
     cycle = task.message.life_cycle
     if handler is not None and step.name in handler.refuses and cycle.refusal(task.state) is not None:
         return f"the handler of '{task.message.name}' takes no '{step.name}'"
@@ -294,7 +278,7 @@ def _take(
     central.facts.append(
         facts.StateChanged(TaskId(task.id), step.name, task.state, task.serial, by, module, text, body)
     )
-    tell(central, task, step.name, by, module, text, body)
+    central.tell_observers(task, step.name, by, module, text, body)
 
 
 def _refuse(task: Task, name: str, by: Party) -> None:

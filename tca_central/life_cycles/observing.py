@@ -41,7 +41,7 @@ def on_observe(central: State, connection: Connection, header: Observe, _: bytes
     connection.outstanding[header.number] = observation
     central.observers.add(observation)
     for task in late:
-        _send(central, observation, msgspec.msgpack.encode(_as_it_stands(task)), task.state)
+        central.tell_observer(observation, msgspec.msgpack.encode(_as_it_stands(task)), task.state)
     observation.told += 1
     central.tell(connection, Answer(header.number, more=True))
 
@@ -51,20 +51,6 @@ def begin_observers_wait(central: State, observation: Observation) -> None:
     if not observation.is_awaited:
         observation.is_awaited = True
         central.facts.append(facts.WaitBegan(*observation.wait))
-
-
-def end_observers_wait(central: State, observation: Observation) -> None:
-    """There is news, or nobody waits for it any more."""
-    if not observation.is_awaited:
-        return
-    connection, number = observation.connection, observation.number
-    wait = connection.pauses.get(number) or connection.waits.get(number)
-    central.unblock(connection, number)
-    others = wait.together if wait is not None and not wait.is_coroutine else ()  # a coroutine still awaits the others
-    for one in (observation, *map(connection.outstanding.get, others)):
-        if isinstance(one, Observation) and one.is_awaited:
-            one.is_awaited = False
-            central.facts.append(facts.WaitEnded(*one.wait))
 
 
 def _living(central: State, observation: Observation) -> list[Task]:
@@ -85,8 +71,8 @@ def _living(central: State, observation: Observation) -> list[Task]:
 
 def _tell_end(central: State, connection: Connection, header: Observe) -> None:
     """The task to be observed has ended: tell how."""
-    result, failure, text, body = central.known_outcome(header.task)
-    kept = central.kept.get(header.task)
+    result, failure, text, body = central.memory.known_outcome(header.task)
+    kept = central.memory.kept.get(header.task)
     name, goal = (kept.message.name, kept.body) if kept is not None else (header.message, b"")
     message = central.registry.messages.get(name)
     cycle = message.life_cycle if message is not None else GENERAL
@@ -110,46 +96,6 @@ def _as_it_stands(task: Task) -> StateChange:
     )  # fmt: skip
 
 
-def tell(
-    central: State, task: Task, transition: str, by: Party, module: str = "", text: str = "", data: bytes = b"",
-    *, outcome: Outcome | None = None,
-) -> None:  # fmt: skip
-    """Tell all who observe a task of a change."""
-    if not central.observers.concern(task):
-        return
-    observers = list(central.observers.of(task))
-    is_over = outcome is not None
-    if not (observers or is_over):
-        return
-    change = StateChange(
-        TaskId(int(task.id)), task.message.name, task.serial, task.state, transition, by, module, text, task.body, data,
-        is_over=is_over, outcome=outcome,
-    )  # fmt: skip
-    encoded = msgspec.msgpack.encode(change) if observers else b""
-    for one in observers:
-        _send(central, one, encoded, task.state)
-    if is_over:
-        for one in [one for one in (*observers, *central.observers.others) if task.id in (one.task_id, one.below)]:
-            end_observers_wait(central, one)
-            central.observers.remove(one)
-            one.connection.outstanding.pop(one.number, None)
-            central.send(one.connection, one.number, Answer(one.number))
-
-
-def _send(central: State, observation: Observation, encoded: bytes, state: str) -> None:
-    if not observation.states or state in observation.states:
-        end_observers_wait(central, observation)
-        observation.told += 1
-        central.tell(observation.connection, Answer(observation.number, more=True), encoded)
-
-
-def tell_birth(central: State, task: Task) -> None:
-    """A task is new."""
-    module = task.sender.module.name if task.sender is not None else ""
-    if task.state == task.message.initial:
-        tell(central, task, "initiated", Party.CLIENT if module else Party.CENTRAL, module)
-
-
 def tell_end(central: State, task: Task) -> None:
     """A task has ended: its last state is that of its outcome."""
     cycle = task.message.life_cycle
@@ -159,4 +105,4 @@ def tell_end(central: State, task: Task) -> None:
     task.state = end_state
     task.serial += 1
     by = Party.CENTRAL if outcome is Outcome.KILLED else Party.SERVER
-    tell(central, task, transition, by, "", _why(failure, text), body, outcome=outcome)
+    central.tell_observers(task, transition, by, "", _why(failure, text), body, outcome=outcome)

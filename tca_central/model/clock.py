@@ -2,7 +2,6 @@
 
 import heapq
 import math
-from typing import Any
 
 from tca_central.errors import RequestError
 from tca_central.model.stored import Stored
@@ -17,7 +16,7 @@ class Timer(Stored):
 
     __slots__ = ("due", "is_cancelled", "subject", "time")
 
-    def __init__(self, time: float, due: Due, subject: Any) -> None:
+    def __init__(self, time: float, due: Due, subject: Stored | None) -> None:
         self.time, self.due, self.subject = time, due, subject
         self.is_cancelled = False
 
@@ -33,7 +32,7 @@ class Clock(Stored):
         self._asked = 0
         self._cancelled = 0
 
-    def after(self, seconds: float, due: Due, subject: Any) -> Timer:
+    def after(self, seconds: float, due: Due, subject: Stored | None) -> Timer:
         """Let something be due in so many seconds."""
         self._asked += 1
         timer = Timer(self.now + seconds, due, subject)

@@ -20,7 +20,9 @@ from collections.abc import Iterator
 from itertools import chain
 from typing import Any, Generic, Protocol, TypeVar
 
+from tca_central.model.clock import Timer
 from tca_central.model.stored import Stored
+from tca_wire.journal.facts import Fact
 
 
 class Queueable(Protocol):
@@ -118,7 +120,7 @@ class Claim(Stored, Generic[S]):
         self.holder: Any = None  #: the delivery at whose end it ends; None: it ends with its connection
         self.id = 0
         self.number = 0  #: of the request
-        self.timer: Any = None  #: when it has waited long enough
+        self.timer: Timer | None = None  #: when it has waited long enough
         self.priority = 0
         self.arrival = 0
         self.ticket = 0
@@ -150,7 +152,7 @@ class Resource(Stored, Generic[S, Q]):
         self.held_by: Claim[S] | None = None  #: the lock or reservation in force
         self.claims: dict[Claim[S], None] = {}  #: those that wait, oldest first
         self.called_back: dict[Q, S] = {}  #: its slots' own questions that a lock keeps out -> the asking slot
-        self.ahead: dict[Q, tuple[object, ...] | None] = {}
+        self.ahead: dict[Q, tuple[Fact, ...] | None] = {}
         """Messages that its only slot has already, and has not begun as far as is known -> None or, of one that nobody
         wants any more, the facts to be recorded when the slot has said whether it had begun it.
         """
@@ -299,7 +301,7 @@ class Resource(Stored, Generic[S, Q]):
         self.ahead_at = next(iter(self.slots))
         return self.ahead_at
 
-    def take_back(self, message: Q) -> tuple[object, ...] | None:
+    def take_back(self, message: Q) -> tuple[Fact, ...] | None:
         """The slot does not have a message any more, which waits as before; the facts, if nobody wants it any more."""
         self._queue.put(message)
         return self.ahead.pop(message)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from tca_central.model.budget import DELIVERY_BYTES, TASK_BYTES
 from tca_central.model.clock import Timer
-from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, Wiretap
+from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, Handler, MessageType, Module, Wiretap
 from tca_central.model.stored import Stored
 from tca_wire.packets.parts import Involved, Watching, WatchOptions
 from tca_wire.points import ROOT, TaskId
@@ -17,6 +17,9 @@ from tca_wire.vocabulary import CENTRAL, Due, Outcome, Role
 
 Failure = tuple[str, str, bytes]
 """Name, text and data of a failure that was raised on a task."""
+
+TaskOutcome = tuple[Outcome, str, str, bytes]
+"""The outcome of a task, the name and text of its failure, and the failure's data or the result."""
 
 _ACTION = 1  # which part of a monitor
 
@@ -145,6 +148,11 @@ class Task(Ordered):
     def is_running(self) -> bool:
         """Whether a handler has it."""
         return self.slot is not None
+
+    @property
+    def handler(self) -> Handler | None:
+        """The handler that has it; None if none has."""
+        return self.slot.module.handlers.get(self.message.name) if self.slot is not None else None
 
     def recoveries(self) -> "list[Task]":
         """The exception handlers that it is, or is under, nearest first."""
@@ -288,7 +296,7 @@ class KeptTask(Stored):
 
     __slots__ = ("body", "id", "keeping", "message", "outcome", "parent", "role")
 
-    def __init__(self, task: Task, outcome: tuple[Outcome, str, str, bytes], keeping: Keeping) -> None:
+    def __init__(self, task: Task, outcome: TaskOutcome, keeping: Keeping) -> None:
         self.id, self.message, self.role, self.body, self.outcome = task.id, task.message, task.role, task.body, outcome
         self.parent: Task | KeptTask | None = task.parent  #: its parent, living or kept
         self.keeping = keeping

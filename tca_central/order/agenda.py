@@ -17,7 +17,7 @@ from tca_central.model.task_tree import TaskTree, first_moments, sending_module,
 from tca_central.model.tasks import Recovery, Tapping, Task, Verdict
 from tca_central.order.holds import SEQ_ACH, Holds, PendingDelay, from_flags, is_held, resolve
 from tca_wire.constraints import Constraint, Flags
-from tca_wire.journal.facts import Killed, Reached, TimedOut
+from tca_wire.journal.facts import Fact, Killed, Reached, TimedOut
 from tca_wire.points import (
     ALL_MOMENTS,
     END_ACHIEVING,
@@ -40,7 +40,7 @@ class Agenda(Stored):
     __slots__ = ("_facts", "ended", "ended_waits", "holds", "look_at", "only_watched", "resumed", "startable",
                  "tap_events", "taps_to_fire", "tree", "unanswered", "waits", "withdrawn")  # fmt: skip
 
-    def __init__(self, tree: TaskTree, facts: list[object], clock: Clock) -> None:
+    def __init__(self, tree: TaskTree, facts: list[Fact], clock: Clock) -> None:
         self.tree = tree
         self.holds = Holds(tree, facts, clock)
         self._facts = facts

@@ -9,6 +9,7 @@ from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Connection, Delivery, Module, ModuleResource
 from tca_central.model.resources import Claim, Resource
 from tca_central.model.stored import Stored
+from tca_wire.journal.facts import Fact
 from tca_wire.rules import DELIVERED
 
 QUICK = 0.001
@@ -59,7 +60,7 @@ class MessagesAhead(Stored):
         if resource.is_overtaken_by(newest):
             self.recall(resource)
 
-    def revoke(self, delivery: Delivery, dropped: tuple[object, ...]) -> bool:
+    def revoke(self, delivery: Delivery, dropped: tuple[Fact, ...]) -> bool:
         """Whether a slot has a delivery ahead, which nobody wants any more: it waits until that gives it back, or has
         begun it.
         """
@@ -89,7 +90,7 @@ def first_ahead(slot: Connection) -> Delivery | None:
 
 def take_back(
     resource: ModuleResource, module: Module, unbegun: set[int]
-) -> tuple[list[tuple[Delivery, tuple[object, ...]]], list[Delivery]]:
+) -> tuple[list[tuple[Delivery, tuple[Fact, ...]]], list[Delivery]]:
     """The slot does not have the deliveries of these numbers any more, which wait as before: those among them that
     nobody wants any more, each with the facts, and those that are to be handled elsewhere.
     """

@@ -6,7 +6,7 @@ through the functions it is given.
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 from tca_central.model.budget import DELIVERY_BYTES
 from tca_central.model.clock import Clock
@@ -14,11 +14,15 @@ from tca_central.model.deliveries import Connection, Delivery, Handler, MessageT
 from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_central.model.stored import Stored
 from tca_central.order.ahead import MessagesAhead, WaysAhead, first_ahead, note_run, take_back
-from tca_wire.journal.facts import HandlerRemoved, Queued, Recalling, Unqueued
+from tca_wire.journal.facts import Fact, HandlerRemoved, Queued, Recalling, Unqueued
 
 QUEUE_LIMIT = 10_000
 """Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
 refused. Tasks count, but are never refused: they are in the tree anyway."""
+
+
+Suspect = Delivery | Claim[Connection] | tuple[Connection, int]
+"""A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for a request."""
 
 
 class Out(WaysAhead, Protocol):
@@ -34,7 +38,7 @@ class Dispatcher(Stored):
     __slots__ = ("_arrivals", "_clock", "_facts", "_out", "_suspects", "bytes", "changed", "crowded", "displaced",
                  "granted", "handlers", "is_holding", "messages_ahead", "running", "stranded", "to_offer")  # fmt: skip
 
-    def __init__(self, facts: list[object], out: Out, suspects: deque[Any], clock: Clock) -> None:
+    def __init__(self, facts: list[Fact], out: Out, suspects: deque[Suspect], clock: Clock) -> None:
         self._facts, self._out, self._suspects, self._clock = facts, out, suspects, clock
         self.messages_ahead = MessagesAhead(out, clock)
         self._arrivals = 0
@@ -46,7 +50,7 @@ class Dispatcher(Stored):
         self.to_offer: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
         """Resources that may let in somebody, each with the slot whose handler has returned, if one has."""
         self.granted: deque[Claim[Connection]] = deque()  #: claims that have just got their resource
-        self.crowded: deque[Any] = deque()  #: tasks that have to wait for a handler with wishes
+        self.crowded: deque[Delivery] = deque()  #: tasks that have to wait for a handler with wishes
         self.displaced: deque[tuple[Delivery, str]] = deque()  #: gave way to newer ones, and why
         self.stranded: deque[Delivery] = deque()  #: exception handlers that wait because nobody handles them any more
 
@@ -283,7 +287,7 @@ class Dispatcher(Stored):
         claim.resource.end_claim(claim)
         self.to_offer.extend((copy, None) for copy in claim.resource.copies)
 
-    def withdraw(self, delivery: Delivery, *, keep_place: bool = False, dropped: tuple[object, ...] = ()) -> None:
+    def withdraw(self, delivery: Delivery, *, keep_place: bool = False, dropped: tuple[Fact, ...] = ()) -> None:
         """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the others for later. What a
         slot has ahead waits until that gives it back, or has begun it. Then these facts are recorded.
         """

@@ -21,7 +21,7 @@ from tca_wire.constraints import (
     delay_planning,
     plan_first,
 )
-from tca_wire.journal.facts import Constrained, TimedOut
+from tca_wire.journal.facts import Constrained, Fact, TimedOut
 from tca_wire.points import (
     ALL_MOMENTS,
     END_ACHIEVING,
@@ -74,7 +74,7 @@ class Holds(Stored):
 
     __slots__ = ("_clock", "_facts", "edges", "ended_followers", "ending", "tree")
 
-    def __init__(self, tree: TaskTree, facts: list[object], clock: Clock) -> None:
+    def __init__(self, tree: TaskTree, facts: list[Fact], clock: Clock) -> None:
         self.tree = tree
         self._facts = facts
         self._clock = clock

@@ -86,7 +86,7 @@ def make_task(
         about.message_id,
     )  # fmt: skip
     central.facts[mark:mark] = [birth, *at_birth(task)]
-    central.note_birth(task)
+    central.tell_birth(task)
     return task
 
 

@@ -93,7 +93,7 @@ def _used(central: State) -> Iterator[MessageType]:
         yield from (due.message for due in connection.outstanding.values() if isinstance(due, Collector))
     for task in central.tree.tasks.values():
         yield from _used_by(task)
-    yield from (record.message for record in central.kept.values())
+    yield from (record.message for record in central.memory.kept.values())
     yield from (attached.handler for attached in central.attached.values())
     yield from (tap.listener for tap in central.taps.values())
 

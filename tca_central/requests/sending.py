@@ -144,7 +144,7 @@ def _route_task(central: State, connection: Connection, header: Send, message: M
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
     central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
-    central.note_birth(task)
+    central.tell_birth(task)
     if is_monitor:
         enlist_monitor(central, task)
     if has_extras:

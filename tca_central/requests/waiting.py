@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from tca_central.life_cycles.observing import begin_observers_wait, end_observers_wait
+from tca_central.life_cycles.observing import begin_observers_wait
 from tca_central.locks.claims import give_up_claim
 from tca_central.model.budget import WAIT_BYTES
 from tca_central.model.deliveries import Connection, Delivery, PresenceWait
@@ -27,7 +27,7 @@ def on_await_point(central: State, connection: Connection, header: headers.Await
     """A module waits for a moment of a task."""
     moment = checked_moment(header.point)
     task = central.tree.task(header.point.task)
-    known = central.outcome(task) if task is not None else central.known_outcome(header.point.task)
+    known = central.outcome(task) if task is not None else central.memory.known_outcome(header.point.task)
     central.check_declared(WAIT_BYTES)
     wait = TaskWait(connection, header)
     connection.outstanding[header.number] = wait
@@ -51,7 +51,7 @@ def on_await(central: State, connection: Connection, header: headers.Await, _: b
         central.tell_tasks(connection)
     if header.seen < 0:
         for one in observed:
-            end_observers_wait(central, one)
+            central.end_observers_wait(one)
     elif sum(one.told for one in observed) == header.seen and all(isinstance(one, _AWAITED) for one in awaited):
         _begin_waits(central, connection, header, awaited)
 
@@ -128,7 +128,7 @@ def give_up(
 
 
 def _stop_observing(central: State, observation: Observation) -> None:
-    end_observers_wait(central, observation)
+    central.end_observers_wait(observation)
     central.observers.remove(observation)
 
 

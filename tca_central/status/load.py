@@ -68,8 +68,8 @@ def _memory(central: State) -> dict[str, tuple[int, int]]:
         "messages and tasks": (central.message_bytes, budget.messages),
         "declarations and waits": (central.declared_bytes, budget.declared),
         "answers": (central.answers.bytes, budget.answers),
-        "outcomes": (central.outcome_bytes, budget.outcomes),
-        "kept tasks": (central.kept_bytes, budget.kept),
+        "outcomes": (central.memory.outcome_bytes, budget.outcomes),
+        "kept tasks": (central.memory.kept_bytes, budget.kept),
         "variables": (central.variables.bytes, budget.variables),
     }
 

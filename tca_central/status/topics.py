@@ -39,7 +39,7 @@ def overview(central: State) -> dict[str, Any]:
         "messages": len(registry.messages),
         "variables": len(central.variables.values),
         "tasks": len(central.tree.tasks),
-        "kept tasks": len(central.kept),
+        "kept tasks": len(central.memory.kept),
         "exception handlers": len(central.attached),
         "wiretaps": len(central.taps),
         "being handled": len(central.dispatcher.running),
@@ -288,7 +288,7 @@ def on_ask(central: State, connection: Connection, header: headers.Ask, _: bytes
 def on_inspect(central: State, connection: Connection, header: headers.Inspect, _: bytes) -> None:
     """A module asks about a task and its relatives."""
     task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
-    found = relatives(central, task or central.kept.get(header.task), header.relation, header.message)
+    found = relatives(central, task or central.memory.kept.get(header.task), header.relation, header.message)
     _answer(central, connection, header.number, found, f"the {header.relation} of task {header.task}")
 
 

@@ -154,7 +154,7 @@ def _has_happened(condition: Condition, task: Task) -> bool:
 
 def _ended(central: State, header: headers.Tap) -> Task | None:
     """A stand-in for a task that has ended; None if too little is known of it."""
-    outcome, record = central.outcome_of_ended(header.task), central.kept.get(header.task)
+    outcome, record = central.memory.outcome_of(header.task), central.memory.kept.get(header.task)
     message = record.message if record is not None else central.registry.messages.get(header.of)
     if outcome is None or message is None or not message.message_class.is_task:
         return None
@@ -166,7 +166,7 @@ def _ended(central: State, header: headers.Tap) -> Task | None:
 
 def _call_for_ended(central: State, by: Module, header: headers.Tap, listener: MessageType, task: Task) -> int:
     """Send the listener of a wiretap on a task that has ended, with the data that it was kept with; the tap's id."""
-    if listener.format.data != NO_DATA and task.id not in central.kept:
+    if listener.format.data != NO_DATA and task.id not in central.memory.kept:
         advice = "send the task with keep=True, or tap it with a listener that is declared without data"
         raise RequestError(Refusal.TOO_LATE, f"{task} has ended, and its data are forgotten: {advice}")
     tap = Wiretap(central.new_id(), header.condition, listener, task)

@@ -176,7 +176,7 @@ def test_void_entries_of_a_queue_do_not_pile_up() -> None:
 
 def test_an_outcome_that_is_no_longer_known_is_not_said_to_be_done(monkeypatch: pytest.MonkeyPatch) -> None:
     player = Player()
-    monkeypatch.setattr("tca_central.core.REMEMBERED_OUTCOMES", 3)
+    monkeypatch.setattr("tca_central.model.memory.REMEMBERED_OUTCOMES", 3)
     player.module("legs", "command move")
     player.module("user")
     failed = player.task("user", "move")
@@ -224,13 +224,13 @@ def test_so_many_tasks_may_be_kept_and_their_records_hold_so_much(monkeypatch: p
     assert "release those that nobody asks for any more" in refused.text
     for _ in range(2):
         player.reply("legs/1", value="x" * 100)
-    assert list(player.central.kept) == [1, 2]
+    assert list(player.central.memory.kept) == [1, 2]
     player.central.budget.kept = 150
     player.reply("legs/1", value="x" * 100)
-    assert list(player.central.kept) == [3]
+    assert list(player.central.memory.kept) == [3]
     player.task("user", "move", keep=True)
     player.reply("legs/1")
-    assert list(player.central.kept) == [3, 4]
+    assert list(player.central.memory.kept) == [3, 4]
 
 
 def test_a_deep_kept_tree_is_forgotten_without_recursion() -> None:
@@ -240,10 +240,10 @@ def test_a_deep_kept_tree_is_forgotten_without_recursion() -> None:
         parent = player.task("user", "walk", under=parent, flags=Flags.NONE, keep=True)
     while player.central.dispatcher.running:
         player.reply("planner/1")
-    assert len(player.central.kept) == depth
+    assert len(player.central.memory.kept) == depth
     check_invariants(player.central)
     player.receive("user", headers.Keep(player.number("user"), TaskId(1), release=True))
-    assert not player.central.kept
+    assert not player.central.memory.kept
     check_invariants(player.central)
 
 

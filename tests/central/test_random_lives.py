@@ -145,15 +145,15 @@ def _check_ledger(life: Life) -> None:
 
 def _check_kept(life: Life) -> None:
     """What is kept is told as it ended; when nobody keeps anything all is forgotten."""
-    for record in life.central.kept.values():
+    for record in life.central.memory.kept.values():
         life.request(headers.AwaitPoint, point(TaskId(record.id), Moment.END_ACHIEVING))
         answer, _ = life.player.inbox["user"][-1]
         assert answer.outcome is record.outcome[0]
     for connection in life.connections():
         life.player.lose(connection)
-    assert not life.central.kept
-    assert not life.central.keep_count
-    assert not life.central.kept_bytes
+    assert not life.central.memory.kept
+    assert not life.central.memory.promises
+    assert not life.central.memory.kept_bytes
 
 
 def _check_watchers(life: Life) -> None:

@@ -221,7 +221,7 @@ class Life:
         listeners = ["note", "lift", "step", "pose"] * 2 + [*MONITORS] * 2 + ["recover", "where", "all"]
         watch = self.watch_options(d, b, c) if d % 3 else None
         task, condition = self.task(d) or TaskId(0), conditions[a % len(conditions)]
-        at_once, ended = not message and a % 5 < 3, [*self.central.outcomes, *self.central.kept]
+        at_once, ended = not message and a % 5 < 3, [*self.central.memory.outcomes, *self.central.memory.kept]
         if at_once and ended and c % 4 == 0:
             task = TaskId(ended[b % len(ended)])
         if message or task:
@@ -276,7 +276,7 @@ class Life:
 
     def keep_(self, a: int, b: int, *_: int) -> None:
         """Somebody keeps a task, or the record of one."""
-        tasks, names = [*self.central.tree.tasks, *self.central.kept], self.connections()
+        tasks, names = [*self.central.tree.tasks, *self.central.memory.kept], self.connections()
         if tasks:
             name = names[b % len(names)]
             header = headers.Keep(self.player.number(name), TaskId(tasks[a % len(tasks)]))
@@ -293,7 +293,7 @@ class Life:
         self.player.tick(a % 10)
 
     def constrain_(self, a: int, b: int, c: int, d: int) -> None:
-        tasks = [*self.central.tree.tasks, *self.central.outcomes]
+        tasks = [*self.central.tree.tasks, *self.central.memory.outcomes]
         if tasks:
             one, other = tasks[a % len(tasks)], tasks[b % len(tasks)]
             wanted = before(point(one, list(Moment)[c % 6]), point(other, list(Moment)[d % 6]), self.seconds(a % 4))

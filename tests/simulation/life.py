@@ -190,7 +190,7 @@ class Life:
         assert core is not None
         if task not in outside.ended and task in outside.known:
             raise Broken(f"task {task} (token {token}) has no end")
-        outcome = core.outcome_of_ended(task) if task in outside.known else None
+        outcome = core.memory.outcome_of(task) if task in outside.known else None
         runs = outside.of_token[token]
         is_done = outcome is not None and outcome[0] is Outcome.DONE and not outcome[1]
         if is_done and not any(run.ended >= 0 and not run.failure for run in runs):

@@ -9,8 +9,9 @@ from central.player import Player, reachable
 from central.test_random_lives import end_everything
 from properties.life import Life
 
-from tca_central.core import REMEMBERED_OUTCOMES, Central
+from tca_central.core import Central
 from tca_central.events import ConnectionId, Effect, Transmit
+from tca_central.model.memory import REMEMBERED_OUTCOMES
 from tca_central.model.registry import REMEMBERED_CONNECTIONS
 from tca_wire.packets import headers
 from tca_wire.points import TaskId
@@ -53,7 +54,7 @@ def test_central_does_not_grow_in_a_month_whose_modules_die_every_minute() -> No
         for task in [*life.central.registry.connections[ConnectionId(b"user")].module.keeps]:
             life.request(headers.Keep, TaskId(task), release=True)
         assert not life.central.kept
-        assert len(life.central.outcomes) == REMEMBERED_OUTCOMES
+        assert len(life.central.memory.outcomes) == REMEMBERED_OUTCOMES
         assert len(life.central.registry.lost) == REMEMBERED_CONNECTIONS
         sizes.append(size_of(life.central))
     (objects, size), (objects_then, size_then) = sizes

@@ -35,7 +35,7 @@ IGNORED = {
         "untold",  # scripts are told at once
         "_outputs", "_output_queues",  # met where they are filled
         "suspects", "blocked", "look_after", "next_look", "scan", "may_have_closed",  # nobody looks: see Play
-        "outcomes", "outcome_bytes", "forgotten",  # only of tasks that a script can ask for: see _add_outcomes
+        "memory",  # outcomes only of tasks that a script can ask for: see _add_outcomes
         "attached", "taps",  # met where they are attached
         "budget", "answers",  # no exploration is so big
         "watch_of_condition", "watches",  # met as the conditions of monitors, and at their tasks
@@ -378,7 +378,9 @@ def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
 def _add_outcomes(walk: _Walk, play: Play) -> None:
     """How tasks ended that somebody can still ask for, or constrain."""
     never_began = play.central.tree.never_began
-    known = {walk.number_of_name(key): ended for key, ended in play.central.outcomes.items() if walk.knows_name(key)}
+    known = {
+        walk.number_of_name(key): ended for key, ended in play.central.memory.outcomes.items() if walk.knows_name(key)
+    }
     for number in sorted(known):
         walk.add([number, *known[number]])
     unbegun = {walk.number_of_name(key): starts for key, starts in never_began.items() if walk.knows_name(key)}
