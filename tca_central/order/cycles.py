@@ -129,25 +129,16 @@ class Borders:
 
     def _cross(self, task: Task, follower: Task) -> Iterator[None]:
         """Note a constraint: it leaves the subtrees that *task* alone is in, and enters those of *follower*."""
-        left: dict[Task, None] = {}
-        entered: dict[Task, None] = {}
         one, other = task.parent, follower.parent
-        while True:
+        while one is not other:
             yield
-            if one is not None:
-                left[one] = None
-            if other is not None:
-                entered[other] = None
-            common = one if one in entered else other if other in left else None
-            if common is not None:
-                break
-            one = one.parent if one is not None else None
-            other = other.parent if other is not None else None
-        for above, borders in ((left, self._ahead), (entered, self._behind)):
-            for ancestor in above:
-                if ancestor is common:
-                    break
-                borders.add(ancestor)
+            if other is None or (one is not None and one.id > other.id):  # a parent is older than its children
+                assert one is not None
+                self._ahead.add(one)
+                one = one.parent
+            else:
+                self._behind.add(other)
+                other = other.parent
 
     def is_open_ahead(self, place: Place, met: Container[Place]) -> bool:
         """Whether the search from the start, which has *met* these points, must look below a task."""
