@@ -1,12 +1,9 @@
 """The state of central, and the ways in which anything leaves it. Holds no rule: those are in the rooms beside it."""
 
-from collections import deque
-from collections.abc import Iterable
-
 import msgspec
 
 from tca_central.errors import RequestError
-from tca_central.events import Effect, LimitsSet, Transmit
+from tca_central.events import LimitsSet, Transmit
 from tca_central.model.answers import KeptAnswers
 from tca_central.model.budget import (
     ATTACHED_BYTES,
@@ -18,12 +15,11 @@ from tca_central.model.budget import (
     WAIT_BYTES,
     Budget,
 )
-from tca_central.model.clock import Clock, Timer
+from tca_central.model.clock import Timer
 from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import (
     TOLD_TOGETHER,
     AttachedHandler,
-    Blocking,
     Connection,
     Delivery,
     MessageType,
@@ -37,7 +33,8 @@ from tca_central.model.stored import Stored
 from tca_central.model.task_tree import TaskTree, taps_of
 from tca_central.model.tasks import Task, TaskOutcome, Watch
 from tca_central.order.agenda import Agenda
-from tca_central.order.dispatcher import Dispatcher, Suspect
+from tca_central.order.dispatcher import Dispatcher
+from tca_central.present import Waits
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer, ToModule
@@ -140,47 +137,31 @@ def _spent(what: str, held: int, most: int, advice: str) -> str:
 with more --memory"
 
 
-class State:
-    """The parts, put together. ``facts`` and ``messages`` are those of the event being handled."""
+class State(Waits):
+    """The parts, put together."""
 
-    __slots__ = ("agenda", "answers", "attached", "blocked", "budget", "claimed_for", "claims", "clock",
-                 "collectors", "dispatcher", "epoch", "events", "facts", "failed", "hold", "is_disk_low",
-                 "look_after", "lost", "may_have_closed", "memory", "messages", "next_look", "observers",
-                 "origin", "registry", "scan", "suspects", "taps", "tree", "untold", "variables",
-                 "watch_of_condition", "watches")  # fmt: skip
+    __slots__ = ("agenda", "answers", "attached", "budget", "claimed_for", "claims", "collectors", "dispatcher",
+                 "hold", "is_disk_low", "lost", "memory", "observers", "registry", "taps", "tree", "untold",
+                 "variables", "watch_of_condition", "watches")  # fmt: skip
 
     def __init__(self, epoch: str = "test") -> None:
-        self.epoch = epoch
+        Waits.__init__(self, epoch)
         self.budget, self.answers = Budget(), KeptAnswers(Budget().answers)
-        self.registry, self.observers = Registry(), Observers()
+        self.registry, self.observers, self.variables, self.memory = Registry(), Observers(), Variables(), Memory()
         self.tree = TaskTree(MessageType(MessageFormat("root", MessageClass.GOAL, "", ""), "central"))
-        self.facts: list[facts.Fact] = []  #: of the event being handled
-        self.failed: dict[int, str] = {}  #: its failed parts, in words, for the log
-        self.clock = Clock()
         self.agenda = Agenda(self.tree, self.facts, self.clock)
+        self.dispatcher = Dispatcher(self.facts, self, self.suspects, self.clock)
         self.attached: dict[int, AttachedHandler] = {}  #: all exception handlers, by id
         self.taps: dict[int, Wiretap] = {}  #: all wiretaps, by id
         self.watches: dict[int, Watch] = {}  #: the monitors that watch or are still to, by their tasks' ids
         self.watch_of_condition: dict[int, Watch] = {}  #: by delivery, the monitors whose conditions are being tested
-        self.suspects: deque[Suspect] = deque()  #: these may have begun to wait for themselves
-        self.blocked: dict[Connection, None] = {}  #: connections that do nothing until they are answered
-        self.look_after = 0.25  #: seconds after which they are looked at again (0: nobody looks for deadlocks)
-        self.next_look: Timer | None = None
-        self.scan: object = None  #: a look that goes on then (deadlocks.py)
-        self.may_have_closed = False  #: something has happened since it began that may have closed a circle
-        self.dispatcher = Dispatcher(self.facts, self, self.suspects, self.clock)
-        self.variables = Variables()
         self.claims: dict[tuple[Connection, int], Claim[Connection]] = {}  #: by claimant and the request's number
         self.claimed_for: dict[Delivery, list[Claim[Connection]]] = {}  #: claims that end with a task or message
         self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
-        self.memory = Memory()
-        self.events = 0  #: number of events handled, and of timers
-        self.origin = 0  #: of the event being handled: the delivery whose handler asks (0: none)
+        self.untold: dict[Connection, None] = {}  #: connections that are to be told of quiet tasks
         self.hold = RestartHold()
         self.lost: list[tuple[int, int]] = []  #: numbers, from and to, that may have been given, and then were lost
         self.is_disk_low = False  #: no new tasks are taken
-        self.untold: dict[Connection, None] = {}  #: connections that are to be told of quiet tasks
-        self.messages: list[Effect] = []
 
     def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
         """Give a message, which *is there* already or is sent now, to the handler in a slot: nothing else does."""
@@ -445,44 +426,6 @@ class State:
         self.facts.append(facts.Ignored(connection.module.name, text))
         self.accept(connection, number)
 
-    def block(
-        self, connection: Connection, number: int, origin: int, *, brief: bool, others: Iterable[int] = ()
-    ) -> None:
-        """A connection does nothing until this request, or one of *others*, is answered. *Brief*: it is no deadlock."""
-        numbers = (number, *others)
-        wait = Blocking(origin, self.events, self.clock.now, numbers if others else ())
-        if brief:
-            connection.pauses.update(dict.fromkeys(numbers, wait))
-        else:
-            self._block(connection, numbers, wait)
-
-    def block_coroutine(self, connection: Connection, numbers: tuple[int, ...], delivery: int) -> None:
-        """The handler of a delivery does nothing until one of these answers is there; its connection does."""
-        self._block(connection, numbers, Blocking(delivery, self.events, self.clock.now, numbers, True))
-
-    def _block(self, connection: Connection, numbers: tuple[int, ...], wait: Blocking) -> None:
-        connection.waits.update(dict.fromkeys(numbers, wait))
-        self.blocked[connection] = None
-        self.suspects.append((connection, numbers[0]))  # if that will be there, the handler goes on
-
-    def unblock(self, connection: Connection, number: int) -> None:
-        """End a wait: the answer is there, or nobody waits for it any more."""
-        if (wait := connection.pauses.pop(number, None)) is not None:
-            for other in wait.together:
-                connection.pauses.pop(other, None)
-        elif (wait := connection.waits.pop(number, None)) is not None:
-            for other in wait.together:
-                connection.waits.pop(other, None)
-            if not connection.waits:
-                del self.blocked[connection]
-
-    def unblock_coroutine(self, connection: Connection, delivery: int) -> None:
-        """The handler of a delivery may go on."""
-        waits = connection.waits.items()
-        found = next((number for number, wait in waits if wait.is_coroutine and wait.origin == delivery), None)
-        if found is not None:
-            self.unblock(connection, found)
-
     def cancel(self, slot: Connection, delivery: Delivery) -> None:
         """A handler that runs is told to clean up and return; its coroutine awaits nothing any more."""
         self.unblock_coroutine(slot, delivery.given_as)
@@ -493,10 +436,6 @@ class State:
         """A handler that runs is to return soon, where its slot says how soon: else it hangs."""
         if slot.hung_after and delivery.given_as not in slot.doubts:
             slot.doubts[delivery.given_as] = self.clock.after(slot.hung_after, Due.HUNG, delivery)
-
-    def tell(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
-        """Send a message that is no final answer."""
-        self.messages.append(Transmit(connection.id, header, body))
 
     def new_id(self) -> int:
         """The next id; ids are never used again."""

@@ -27,8 +27,8 @@ from tca_central.model.stored import Stored
 Columns = list[list[Any]]
 Read = Callable[[list[Any]], Columns]
 
-MADE_ANEW = {"_output_queues", "_outputs"}
-"""Attributes that are not stored: see Central.connect_outputs."""
+NOT_STORED = {"_output_queues", "_outputs", "is_task"}
+"""Attributes that are made anew (Central.connect_outputs), or are their class's: machine code lists these, too."""
 
 LONGEST_RECORD = 8
 """Tuples that are longer are written as lists are."""
@@ -119,7 +119,7 @@ def attributes_of(kind: type) -> tuple[str, ...]:
     listed = getattr(kind, "__mypyc_attrs__", None)
     if listed is None:
         listed = chain.from_iterable(getattr(parent, "__slots__", ()) for parent in kind.__mro__)
-    return tuple(sorted({*listed} - MADE_ANEW))
+    return tuple(sorted({*listed} - NOT_STORED))
 
 
 def _record(name: str, kind: type) -> ObjectShape:

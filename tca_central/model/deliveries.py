@@ -61,14 +61,11 @@ class Blocking(NamedTuple):
     is_coroutine: bool = False
 
 
-class Connection(Stored):
-    """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
+class Line(Stored):
+    """Who a connection is, and what was under way when its line broke."""
 
-    __slots__ = ("answer_bytes", "answers", "begins", "doubts", "entrance", "handling", "hung_after", "id",
-                 "known_until", "last_number", "late", "licence", "lost_claims", "module", "number", "orphans",
-                 "outstanding", "pauses", "prefetch", "principal", "pulse", "repeats_until", "resource", "rights",
-                 "routes", "session", "tasks", "unbegun", "untold", "waits", "was_replaced", "watchers",
-                 "watches")  # fmt: skip
+    __slots__ = ("id", "late", "module", "number", "orphans", "principal", "pulse", "repeats_until", "rights",
+                 "session")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
         self.id = connection_id
@@ -78,32 +75,54 @@ class Connection(Stored):
         self.number = number  #: which of its module's it is
         self.module = module
         self.pulse = b""  #: of its process, for the server
-        self.resource: ModuleResource | None = None
-        self.prefetch = 0  #: number of messages that it takes ahead, before it is free
-        self.hung_after = 0.0  #: seconds after which a handler hangs that nobody waits for (0: never)
-        self.doubts: dict[int, Timer] = {}  #: by delivery, when that is so of those that are to return
-        self.was_replaced = False  #: its handler hung, and another took its place
+        self.repeats_until = 0  #: answers of deliveries up to this one may come again: the connection had broken
+        self.orphans: list[int] = []  #: deliveries it had when it was lost, to be cancelled
+        self.late: dict[int, str] = {}  #: the newest of these whose answers may still come, and what to say then
+
+
+class Asker(Line):
+    """What a connection has asked for: requests, their answers, and its waits."""
+
+    __slots__ = ("answer_bytes", "answers", "last_number", "lost_claims", "outstanding", "pauses", "tasks", "untold",
+                 "waits")  # fmt: skip
+
+    def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
+        Line.__init__(self, connection_id, session, module, number)
+        self.last_number = 0  #: the highest request number seen
         self.outstanding: dict[int, Stored] = {}  #: requests whose answer is due -> the delivery or wait behind it
         self.answers: deque[int] = deque()  #: requests whose answers are kept, oldest first: see model/answers.py
         self.answer_bytes = 0  #: that these hold
         self.tasks: dict[int, TaskId] = {}  #: the newest that it has sent, by request, oldest first
         self.untold: list[tuple[int, TaskId]] = []  #: those of which it is to be told, with their requests
-        self.last_number = 0  #: the highest request number seen
-        self.handling: dict[Delivery, int] = {}  #: its deliveries -> the event in which it got each; oldest first
-        self.unbegun: Delivery | None = None  #: it had this ahead, and had not begun it when that was given to it
-        self.begins = 0.0  #: when it began what it has ahead (0: when that is given to it)
-        self.repeats_until = 0  #: answers of deliveries up to this one may come again: the connection had broken
-        self.known_until = 0.0  #: no run of a handler of which it tells later began or ended before
-        self.orphans: list[int] = []  #: deliveries it had when it was lost, to be cancelled
-        self.late: dict[int, str] = {}  #: the newest of these whose answers may still come, and what to say then
         self.waits: dict[int, Blocking] = {}  #: requests for whose answer it does nothing else, by number
         self.pauses: dict[int, Blocking] = {}  #: such waits that soon end by themselves: no deadlocks
         self.lost_claims: dict[int, LostClaim] = {}  #: taken from it, and it does not know yet, by the Lock's number
-        self.entrance: Entrance | None = None  #: where this slot takes messages directly
-        self.licence = 0  #: to send directly (0: it has none)
-        self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is told
-        self.watches: dict[Connection, None] = {}  #: slots whose end it is told of
-        self.watchers: dict[Connection, None] = {}  #: the connections told of this slot's end
+
+    def remember_task(self, number: int, task: TaskId) -> None:
+        """Keep the task that a request has sent: others may name it so."""
+        tasks = self.tasks
+        tasks[number] = task
+        if len(tasks) > REMEMBERED_TASKS:
+            del tasks[next(iter(tasks))]
+
+
+class Slot(Asker):
+    """What a connection handles: the thread of one resource."""
+
+    __slots__ = ("begins", "doubts", "handling", "hung_after", "known_until", "prefetch", "resource", "unbegun",
+                 "was_replaced")  # fmt: skip
+
+    def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
+        Asker.__init__(self, connection_id, session, module, number)
+        self.resource: ModuleResource | None = None  #: None: it is the module's own, and handles nothing
+        self.handling: dict[Delivery, int] = {}  #: its deliveries -> the event in which it got each; oldest first
+        self.prefetch = 0  #: number of messages that it takes ahead, before it is free
+        self.unbegun: Delivery | None = None  #: it had this ahead, and had not begun it when that was given to it
+        self.begins = 0.0  #: when it began what it has ahead (0: when that is given to it)
+        self.known_until = 0.0  #: no run of a handler of which it tells later began or ended before
+        self.hung_after = 0.0  #: seconds after which a handler hangs that nobody waits for (0: never)
+        self.doubts: dict[int, Timer] = {}  #: by delivery, when that is so of those that are to return
+        self.was_replaced = False  #: its handler hung, and another took its place
 
     @property
     def has_room(self) -> bool:
@@ -114,12 +133,19 @@ class Connection(Stored):
         """Central's time when something was, so long ago by the clock of this connection."""
         return min(now, max(self.known_until, now - ago))
 
-    def remember_task(self, number: int, task: TaskId) -> None:
-        """Keep the task that a request has sent: others may name it so."""
-        tasks = self.tasks
-        tasks[number] = task
-        if len(tasks) > REMEMBERED_TASKS:
-            del tasks[next(iter(tasks))]
+
+class Connection(Slot):
+    """One socket of a module, with all that it is and does; and whom it reaches directly."""
+
+    __slots__ = ("entrance", "licence", "routes", "watchers", "watches")
+
+    def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
+        Slot.__init__(self, connection_id, session, module, number)
+        self.entrance: Entrance | None = None  #: where this slot takes messages directly
+        self.licence = 0  #: to send directly (0: it has none)
+        self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is told
+        self.watches: dict[Connection, None] = {}  #: slots whose end it is told of
+        self.watchers: dict[Connection, None] = {}  #: the connections told of this slot's end
 
 
 class Module(Stored):
@@ -177,31 +203,15 @@ class Handler(Stored):
         return self.accepts or bool(self.takes or self.refuses) or self.busy is not Busy.QUEUE
 
 
-class MessageType(Stored):
-    """A declared message: its format, users, handlers, and deliveries that wait for a handler."""
+class Declared(Stored):
+    """What a message was declared as, and what follows from that."""
 
-    __slots__ = ("attached", "awaited_by", "candidates", "declarers", "delivered", "dropped", "failed", "fans_out",
-                 "first_declared_by", "format", "handlers", "initial", "is_aside", "is_goal", "is_notice",
-                 "message_class", "name", "parts", "route", "rules", "running", "senders_told", "serving", "taps",
-                 "waiting", "wishes")  # fmt: skip
+    __slots__ = ("declarers", "fans_out", "first_declared_by", "format", "initial", "is_aside", "is_goal", "is_notice",
+                 "message_class", "name", "parts", "rules", "running")  # fmt: skip
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
         self.redefine(declared, by)
         self.declarers: dict[str, None] = {}  #: incarnations of the modules that declared it
-        self.handlers: list[Handler] = []  #: newest last
-        self.candidates: tuple[ModuleResource, ...] = ()
-        """The resources that may handle it: of the newest handler and of those in its pool."""
-        self.serving = 0  #: number of handlers that have a slot to be called in
-        self.wishes = 0  #: number of handlers that have some (Handler.has_wishes)
-        self.delivered = 0  #: how often a handler got it
-        self.failed = 0  #: how often one failed
-        self.dropped = 0  #: how many came to nothing, or were not brought to a receiver
-        self.awaited_by: dict[PresenceWait, None] = {}  #: waits until it is handled
-        self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
-        self.attached: list[AttachedHandler] = []  #: exception handlers of each of its tasks, newest last
-        self.taps: list[Wiretap] = []  #: oldest first
-        self.route: tuple[Connection, ...] = ()  #: slots to which it may be sent directly
-        self.senders_told: dict[Connection, None] = {}  #: senders that know the route
 
     def redefine(self, declared: MessageFormat, by: str) -> None:
         """Take a format; those who declared another are gone."""
@@ -227,6 +237,26 @@ class MessageType(Stored):
         """The life cycle of its tasks."""
         return read_life_cycle(self.format.life_cycle)
 
+
+class Served(Declared):
+    """A declared message with those who handle it, what waits for a handler, and counts of both."""
+
+    __slots__ = ("awaited_by", "candidates", "delivered", "dropped", "failed", "handlers", "serving", "waiting",
+                 "wishes")  # fmt: skip
+
+    def __init__(self, declared: MessageFormat, by: str) -> None:
+        Declared.__init__(self, declared, by)
+        self.handlers: list[Handler] = []  #: newest last
+        self.candidates: tuple[ModuleResource, ...] = ()
+        """The resources that may handle it: of the newest handler and of those in its pool."""
+        self.serving = 0  #: number of handlers that have a slot to be called in
+        self.wishes = 0  #: number of handlers that have some (Handler.has_wishes)
+        self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
+        self.awaited_by: dict[PresenceWait, None] = {}  #: waits until it is handled
+        self.delivered = 0  #: how often a handler got it
+        self.failed = 0  #: how often one failed
+        self.dropped = 0  #: how many came to nothing, or were not brought to a receiver
+
     def add_handler(self, handler: "Handler") -> None:
         """A newer handler."""
         self.handlers.append(handler)
@@ -243,6 +273,19 @@ class MessageType(Stored):
         pool = self.handlers[-1].pool if self.handlers else ""
         chosen = [one for one in self.handlers if one.pool == pool] if pool else self.handlers[-1:]
         self.candidates = tuple(handler.resource for handler in reversed(chosen))
+
+
+class MessageType(Served):
+    """A declared message: its format and handlers, what is attached to it, and who may send it directly."""
+
+    __slots__ = ("attached", "route", "senders_told", "taps")
+
+    def __init__(self, declared: MessageFormat, by: str) -> None:
+        Served.__init__(self, declared, by)
+        self.attached: list[AttachedHandler] = []  #: exception handlers of each of its tasks, newest last
+        self.taps: list[Wiretap] = []  #: oldest first
+        self.route: tuple[Connection, ...] = ()  #: slots to which it may be sent directly
+        self.senders_told: dict[Connection, None] = {}  #: senders that know the route
 
 
 class PresenceWait(Stored):

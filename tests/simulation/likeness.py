@@ -63,7 +63,5 @@ def _parts(thing: Any) -> Iterator[tuple[Any, Any]]:
         yield from enumerate(sorted(thing, key=repr))
     for kind in type(thing).__mro__:
         for name in getattr(kind, "__slots__", ()):
-            if hasattr(thing, name):
+            if hasattr(thing, name) and name not in _MADE_ANEW:
                 yield name, getattr(thing, name)
-    for name in sorted(getattr(thing, "__dict__", {}).keys() - _MADE_ANEW):
-        yield name, getattr(thing, name)
