@@ -53,7 +53,7 @@ def test_central_does_not_grow_in_a_month_whose_modules_die_every_minute() -> No
         end_everything(life)
         for task in [*life.central.registry.connections[ConnectionId(b"user")].module.keeps]:
             life.request(headers.Keep, TaskId(task), release=True)
-        assert not life.central.kept
+        assert not life.central.memory.kept
         assert len(life.central.memory.outcomes) == REMEMBERED_OUTCOMES
         assert len(life.central.registry.lost) == REMEMBERED_CONNECTIONS
         sizes.append(size_of(life.central))
