@@ -178,8 +178,8 @@ def _of_turn_at(_: State, node: TurnAt, each: Each) -> Groups:
         key = -delivery.priority, delivery.arrival
         for claim in each(resource.claims):
             yield [Granting(claim)] if (-claim.priority, claim.arrival) < key else None
-    if resource.slots and not resource.free:
-        yield [Freeing(resource)]
+    if resource.slots and not resource.free and delivery not in resource.called_back:
+        yield [Freeing(resource)]  # its sender's own slot needs not be free: it handles it while it waits
 
 
 def _of_freeing(_: State, node: Freeing, __: Each) -> Groups:

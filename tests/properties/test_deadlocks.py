@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 from central.player import Player, before, point
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tca_central.core import Central
@@ -178,7 +178,12 @@ def waits_in(slot: Connection, delivery: Delivery) -> bool:
     )
 
 
+CALLED_BACK = [("send", 0, 44, 0), ("ask", 0, 44, 0), ("lock", 1, 2, 1), ("await", 0, 32, 0)]
+"""A coroutine asks its own resource something, which a handler nested in it has locked."""
+
+
 @given(steps)
+@example(CALLED_BACK)
 @settings(max_examples=45)
 def test_what_is_called_a_deadlock_would_never_have_ended(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)
