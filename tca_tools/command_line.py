@@ -3,7 +3,9 @@
 A sub-command is an entry point of the group "tca.commands"; it is imported when it is used, or listed in the help.
 """
 
+import errno
 import io
+import os
 import sys
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
@@ -31,6 +33,7 @@ _GROUPS = {
     "Try a robot before it moves": ("explore", "lifecycle", "generate"),
 }  # fmt: skip
 """How the help lists the commands; those of other packages come last."""
+_NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EIO)
 
 
 class CommandLine(click.Group):
@@ -68,14 +71,21 @@ class CommandLine(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command."""
+        """Run the command. Output that finds no room is an error of one line."""
         replace_closed_streams()
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")  # names may have characters that a terminal has not
         try:
-            return super().invoke(ctx)
+            result = super().invoke(ctx)
+            sys.stdout.flush()
         except NoHome as error:
             raise click.ClickException(str(error)) from None
+        except OSError as error:
+            if error.filename is not None or error.errno not in _NO_ROOM:
+                raise
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or it fails again when the program ends
+            raise click.ClickException(f"the output can't be written: {error.strerror}: make room") from None
+        return result
 
 
 @click.group(cls=CommandLine, epilog="'tca completion --help' tells how the shell completes these commands.")

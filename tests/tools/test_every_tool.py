@@ -95,11 +95,14 @@ def test_a_moment_that_is_none_is_refused(tca: Tca, run: Path, command: str, opt
 
 
 @pytest.mark.slow
-def test_a_full_disk_is_said_with_an_exit_code(run: Path) -> None:
+@pytest.mark.parametrize("command", SOME)
+def test_a_full_disk_is_said_in_a_line(run: Path, command: str) -> None:
     with Path("/dev/full").open("w") as full:
-        done = process("gantt", run, stdout=full)
-    assert done.returncode == 1
-    assert "No space left on device" in done.stderr
+        done = process(*command.split(), run, stdout=full)
+    assert (done.returncode, done.stderr) == (
+        1,
+        "Error: the output can't be written: No space left on device: make room\n",
+    )
 
 
 @pytest.mark.slow
