@@ -13,7 +13,7 @@ import pytest
 from integration.programs import run
 from simulation.life import Life
 from simulation.options import FEATURES, Options
-from supervise.robots import HASTY, kill, robot
+from supervise.robot_files import HASTY, kill, robot
 
 from tca_central.shell.log_writer import Sync
 from tca_module import Command, Module, Refused, connect

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from module.real_central import until
-from supervise.robots import HASTY, NO_CENTRAL, SOON, guards_of, kill, robot
+from supervise.robot_files import HASTY, NO_CENTRAL, SOON, guards_of, kill, robot
 
 from tca_module import Command, Outcome, Query, TaskFailed, connect
 from tca_tools.supervise import guard
