@@ -27,8 +27,11 @@ from tca_central.model.stored import Stored
 Columns = list[list[Any]]
 Read = Callable[[list[Any]], Columns]
 
-NOT_STORED = {"_output_queues", "_outputs", "is_task"}
-"""Attributes that are made anew (Central.connect_outputs), or are their class's: machine code lists these, too."""
+NOT_STORED = {"__dict__", "_output_queues", "_outputs", "is_task"}
+"""Attributes that are made anew (Central.connect_outputs), or are their class's: machine code lists these, too.
+
+It gives generic classes an empty ``__dict__``.
+"""
 
 LONGEST_RECORD = 8
 """Tuples that are longer are written as lists are."""
@@ -124,7 +127,7 @@ def attributes_of(kind: type) -> tuple[str, ...]:
 
 def _record(name: str, kind: type) -> ObjectShape:
     """The shape of a class of central."""
-    if kind.__dictoffset__:
+    if kind.__dictoffset__ and not hasattr(kind, "__mypyc_attrs__"):
         raise ImageError(f"{kind.__name__} has attributes beside those of its __slots__: an image would lose them")
     fields = attributes_of(kind)
 
