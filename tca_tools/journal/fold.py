@@ -341,12 +341,15 @@ class History(ReactionFold):
         if fact.is_beside:
             self.raised.setdefault(fact.id, []).append(Raised(self.time, failure, fact.by, self.asker))
         if message := self.messages.get(lost.message_id if lost else fact.id):
+            before = message.failure, message.failure_data
             self._change(message, "failure", failure)
             self._seen_to.pop(message.id, None)
             if fact.body:
                 self._change(message, "failure_data", fact.body)
             if not fact.is_beside and isinstance(message, Task) and message.is_retried:
-                self._forget_outcome(message)
+                self._forget_outcome(message)  # but for what was raised on it since it is to be retried
+                self._change(message, "failure", before[0])
+                self._change(message, "failure_data", before[1])
 
     def _kill(self, fact: facts.Killed) -> None:
         if fact.task > 0:
