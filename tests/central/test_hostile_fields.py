@@ -24,7 +24,7 @@ from tca_wire.packets import headers
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.codec import pack_item
 from tca_wire.packets.headers import Accepted, Ask, Refused
-from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat
+from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat, WatchOptions
 from tca_wire.packets.routes import Entrance, Loss, Note, Noted
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Limit, MessageClass, Refusal
@@ -157,6 +157,16 @@ def test_a_request_that_waits_needs_a_number(header: Any) -> None:
         (answer,) = player.receive("user", header)
         assert answer.refusal is Refusal.PROTOCOL
     assert not player.central.registry.connections[ConnectionId(b"user")].outstanding
+
+
+@pytest.mark.parametrize("period", [float("nan"), float("inf"), -1.0])
+def test_polling_monitor_is_refused_when_its_period_is_no_time(period: float) -> None:
+    player = Player.of("legs: query where, command move", "user")
+    watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["where", "move"])
+    player.receive("user", headers.Register(player.number("user"), [watch]))
+    (answer,) = player.send("user", "watch", watch=WatchOptions(period=period))
+    assert isinstance(answer, Refused)
+    assert answer.refusal is Refusal.PROTOCOL
 
 
 # --- Inputs that no central has written: they are none, or lead to nothing -------------------------------------------
