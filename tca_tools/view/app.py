@@ -150,6 +150,9 @@ def _asked(runs: Runs, answer: Callable[[Reading, Request], Any]) -> Callable[[R
         if (shown := runs.show(address)) is None:
             return _no_run(address)
         if (found := answer(shown.reading, request)) is None:
+            shown.reading.wait_until_read()
+            found = answer(shown.reading, request)
+        if found is None:
             return JSONResponse({"error": f"no message {_id(request)} in this journal"}, 404)
         return JSONResponse(found)
 

@@ -132,6 +132,11 @@ class Reading:
 
         self._grown.wait_for(has_news, seconds)
 
+    def wait_until_read(self) -> None:
+        """Wait until all has been read that there is. Not to be called inside of ``with``."""
+        with self:
+            self._grown.wait_for(lambda: self.caught_up or self.is_over)
+
     def at(self, moment: float) -> RunAt:
         """The run as it was at a moment, with what was worked out of it already. Only inside of ``with``."""
         history = self.feed.history

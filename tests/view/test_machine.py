@@ -93,3 +93,13 @@ def test_the_server_tells_pictures_of_machines_only(serve: Callable[[Path], str]
     for nothing in ("machine/2", "machine/77"):
         with pytest.raises(urllib.error.HTTPError, match="404"):
             asked(nothing)
+
+
+def test_the_server_finds_a_message_while_it_reads(serve: Callable[[Path], str], tmp_path: Path) -> None:
+    """The server read 2,000 entries at a time, and said of later ones that they are not in the journal."""
+    story = Story().module("arm", "grasp")
+    for number in range(1, 4001):
+        story.at(number / 1000).command("grasp", "user", to="arm", data={"width": 1})
+    address = serve(story.write(tmp_path / "long"))
+    with urllib.request.urlopen(f"{address}api/message/4000", timeout=20) as answer:
+        assert answer.status == 200
