@@ -125,3 +125,12 @@ def test_a_slot_may_keep_later_messages_than_it_gives_back() -> None:
         player.reply("ear/1", delivery)
     answered = [header.number for header, _ in player.inbox["user"] if isinstance(header, headers.Answer)]
     assert len(answered) == len(set(answered)) == 4
+
+
+def test_a_slot_is_recalled_once_until_it_answers() -> None:
+    player = Ears.of("ear: query where", "eye: inform seen", "user")
+    for _ in range(3):
+        player.send("user", "where")
+    for condition in AT_ONCE:
+        player.receive("user", headers.Tap(player.number("user"), condition, "seen", "where"))
+    assert len([header for header, _ in player.inbox["ear/1"] if isinstance(header, headers.Recall)]) == 1
