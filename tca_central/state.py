@@ -23,12 +23,12 @@ from tca_central.model.deliveries import (
     Connection,
     Delivery,
     MessageType,
+    ModuleClaim,
     Wiretap,
 )
 from tca_central.model.memory import Memory
 from tca_central.model.observers import Observation, Observers
 from tca_central.model.registry import Registry, Variables
-from tca_central.model.resources import Claim
 from tca_central.model.stored import Stored
 from tca_central.model.task_tree import TaskTree, taps_of
 from tca_central.model.tasks import Task, TaskOutcome, Watch
@@ -155,8 +155,8 @@ class State(Waits):
         self.taps: dict[int, Wiretap] = {}  #: all wiretaps, by id
         self.watches: dict[int, Watch] = {}  #: the monitors that watch or are still to, by their tasks' ids
         self.watch_of_condition: dict[int, Watch] = {}  #: by delivery, the monitors whose conditions are being tested
-        self.claims: dict[tuple[Connection, int], Claim[Connection]] = {}  #: by claimant and the request's number
-        self.claimed_for: dict[Delivery, list[Claim[Connection]]] = {}  #: claims that end with a task or message
+        self.claims: dict[tuple[Connection, int], ModuleClaim] = {}  #: by claimant and the request's number
+        self.claimed_for: dict[Delivery, list[ModuleClaim]] = {}  #: claims that end with a task or message
         self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
         self.untold: dict[Connection, None] = {}  #: connections that are to be told of quiet tasks
         self.hold = RestartHold()

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from tca_central.errors import RequestError
-from tca_central.model.deliveries import Connection, Holder, Module
+from tca_central.model.deliveries import Connection, Delivery, Holder, Module
 from tca_central.model.tasks import KeptTask, Task
 from tca_central.state import State
 from tca_wire.packets import headers
@@ -25,7 +25,7 @@ OPEN_TOPICS = ("messages", "modules")
 """Central tells these to all: the module library asks for them to explain errors."""
 
 
-def check(central: State, connection: Connection, header: Any) -> None:
+def check(central: State, connection: Connection, header: headers.ToCentral) -> None:
     """Raise RequestError if a connection may not ask for that."""
     if (needs := NEEDS[type(header)]) is not None:
         needs(central, connection, header)
@@ -64,7 +64,7 @@ def _is_own(connection: Connection, task: Task) -> bool:
 
 def _decides_for(central: State, connection: Connection, task: Task) -> bool:
     """Whether the handler that asks is the exception handler of a failure of what is under that task, or of itself."""
-    asking: Any = central.dispatcher.running.get(central.origin)
+    asking: Delivery | None = central.dispatcher.running.get(central.origin)
     if not isinstance(asking, Task) or asking.role is not Role.EXCEPTION or asking.slot is not connection:
         return False
     above = asking.parent

@@ -8,8 +8,7 @@ raised on the task.
 from tca_central.failing.failures import raise_failure
 from tca_central.locks.claims import find_resource, pop_losses, revoke
 from tca_central.model.contexts import RaisedFailure
-from tca_central.model.deliveries import Connection
-from tca_central.model.resources import Claim
+from tca_central.model.deliveries import Connection, ModuleClaim
 from tca_central.model.tasks import Task
 from tca_central.state import State
 from tca_wire.messages.failures import LOCK_LOST
@@ -25,11 +24,11 @@ def on_unlock(central: State, connection: Connection, header: headers.Unlock, _:
     central.accept(connection, header.number, claim.id if claim is not None else 0)
 
 
-def revoke_and_warn(central: State, claim: Claim[Connection], why: str, failure: str, text: str) -> None:
+def revoke_and_warn(central: State, claim: ModuleClaim, why: str, failure: str, text: str) -> None:
     """Take a resource away. If the handler has returned, *failure* is raised on its task."""
     revoke(central, claim, why, text)
-    if is_kept(claim):
-        _warn(central, claim.holder, RaisedFailure(failure, f"'{claim.resource.name}' was taken from it: {text}"))
+    if (task := keeper_of(claim)) is not None:
+        _warn(central, task, RaisedFailure(failure, f"'{claim.resource.name}' was taken from it: {text}"))
 
 
 def warn_of_losses(central: State, slot: Connection, task: Task) -> None:
@@ -38,9 +37,10 @@ def warn_of_losses(central: State, slot: Connection, task: Task) -> None:
         _warn(central, task, RaisedFailure(LOCK_LOST, text))
 
 
-def is_kept(claim: Claim[Connection]) -> bool:
-    """Whether only the end of a task ends it: the handler that made it has returned."""
-    return isinstance(claim.holder, Task) and claim.holder.slot is None
+def keeper_of(claim: ModuleClaim) -> Task | None:
+    """The task whose end alone ends a claim: the handler that made it has returned. None if there is no such task."""
+    holder = claim.holder
+    return holder if isinstance(holder, Task) and holder.slot is None else None
 
 
 def _warn(central: State, task: Task, failure: RaisedFailure) -> None:

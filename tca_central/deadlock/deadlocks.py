@@ -16,12 +16,12 @@ from itertools import pairwise
 
 from msgspec.structs import replace
 
-from tca_central.control.revoking import is_kept, revoke_and_warn
+from tca_central.control.revoking import keeper_of, revoke_and_warn
 from tca_central.deadlock.search import Search, TooLongError
 from tca_central.failing.failures import raise_failure
 from tca_central.locks.claims import revoke
 from tca_central.model.contexts import RaisedFailure, trouble_of
-from tca_central.model.deliveries import Connection, Delivery
+from tca_central.model.deliveries import Connection, Delivery, ModuleClaim
 from tca_central.model.resources import Claim
 from tca_central.model.tasks import Task
 from tca_central.needs.graph import Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting
@@ -49,7 +49,8 @@ _CLOSES_NOTHING = {facts.Queued, facts.Delivered, facts.Answered, facts.Awaited,
 
 _SHOWN = 12  # parts of a circle that the error names
 
-Kept = list[Claim[Connection]]
+Kept = dict[ModuleClaim, Task]
+"""Claims, and the task whose end alone ends each."""
 
 
 class DeadlockScan:
@@ -181,10 +182,10 @@ def _resolve(central: State, circle: list[Node], search: Search) -> bool:
     text = describe(central, circle)
     waits = [node for node in circle if isinstance(node, Waiting)]
     claims = (node.claim for node in circle if isinstance(node, Releasing))
-    kept = [claim for claim in claims if is_kept(claim)]
+    kept = {claim: task for claim in claims if (task := keeper_of(claim)) is not None}
     goes_first = _of_recovery(central, circle)
     if kept and goes_first:  # somebody loses a lock they need, and is told
-        claim = min(kept, key=_is_held_in_recovery)
+        claim = min(kept, key=lambda claim: any(above.role.survives for above in kept[claim].lineage()))
         revoke_and_warn(central, claim, f"{DEADLOCK}: {text}", DEADLOCK, text)
     elif waits:
         refused = [wait for wait in waits if wait not in goes_first] or waits
@@ -198,24 +199,19 @@ def _resolve(central: State, circle: list[Node], search: Search) -> bool:
     return True
 
 
-def _is_held_in_recovery(claim: Claim[Connection]) -> bool:
-    return any(above.role.survives for above in claim.holder.lineage())
-
-
 def _since(wait: Waiting) -> int:
     return wait.connection.waits[wait.number].since
 
 
 def _raise_or_revoke(central: State, kept: Kept, search: Search, text: str) -> bool:
     """Nobody blocks: who keeps what others need is told and, if no exception handler helps, loses it."""
-    if not kept or any(_is_being_handled(claim.holder, search) for claim in kept):
+    if not kept or any(_is_being_handled(task, search) for task in kept.values()):
         return False
-    for claim in kept:
-        holder: Task = claim.holder
-        if holder.failure is None or holder.failure[0] != DEADLOCK:
-            raise_failure(central, holder, RaisedFailure(DEADLOCK, text))
+    for task in kept.values():
+        if task.failure is None or task.failure[0] != DEADLOCK:
+            raise_failure(central, task, RaisedFailure(DEADLOCK, text))
             return True
-    revoke(central, kept[0], f"{DEADLOCK}: {text}", f"{DEADLOCK}: {text}")
+    revoke(central, next(iter(kept)), f"{DEADLOCK}: {text}", f"{DEADLOCK}: {text}")
     return True
 
 

@@ -9,7 +9,7 @@ the end of the task, which may need them.
 from tca_central.errors import RequestError
 from tca_central.model.budget import CLAIM_BYTES
 from tca_central.model.clock import checked_seconds
-from tca_central.model.deliveries import Connection, Delivery, LostClaim, Module, ModuleResource
+from tca_central.model.deliveries import Connection, Delivery, LostClaim, Module, ModuleClaim, ModuleResource
 from tca_central.model.resources import Claim
 from tca_central.needs.texts import why_not_granted
 from tca_central.outgoing.direct_routes import review_copies
@@ -74,7 +74,7 @@ def _checked_holder(central: State, connection: Connection, origin: int) -> Deli
     return delivery
 
 
-def _check(resource: ModuleResource, claim: Claim[Connection]) -> None:
+def _check(resource: ModuleResource, claim: ModuleClaim) -> None:
     """Raises RequestError if whoever asks would wait for himself, or too many wait."""
     held_by = resource.held_by
     if held_by is not None and held_by.holder is claim.holder and (claim.holder or held_by.slot is claim.slot):
@@ -84,7 +84,7 @@ def _check(resource: ModuleResource, claim: Claim[Connection]) -> None:
         raise RequestError(Refusal.OVERLOAD, f"{MOST_CLAIMS} wait to lock or reserve resource '{resource.name}'")
 
 
-def tell_granted(central: State, claim: Claim[Connection]) -> None:
+def tell_granted(central: State, claim: ModuleClaim) -> None:
     """A claim has got its resource: tell the claimant."""
     central.clock.cancel(claim.timer)
     central.facts.append(facts.Granted(claim.id))
@@ -95,18 +95,18 @@ def tell_granted(central: State, claim: Claim[Connection]) -> None:
 # --- ends ------------------------------------------------------------------------------------------------------------
 
 
-def on_time_out(central: State, claim: Claim[Connection]) -> None:
+def on_time_out(central: State, claim: ModuleClaim) -> None:
     """A claim has waited long enough."""
     text = why_not_granted(central, claim)
     _fail(central, claim, text, Answer(claim.number, Outcome.FAILED, TIMEOUT, text))
 
 
-def refuse_claim(central: State, claim: Claim[Connection], refusal: Refusal, text: str) -> None:
+def refuse_claim(central: State, claim: ModuleClaim, refusal: Refusal, text: str) -> None:
     """A claim waits in vain: tell the claimant."""
     _fail(central, claim, text, Refused(claim.number, refusal, text))
 
 
-def _fail(central: State, claim: Claim[Connection], why: str, answer: ToModule) -> None:
+def _fail(central: State, claim: ModuleClaim, why: str, answer: ToModule) -> None:
     _end(central, claim, why)
     if claim.slot.outstanding.pop(claim.number, None) is not None:
         central.send(claim.slot, claim.number, answer)
@@ -136,7 +136,7 @@ def end_claims_of_killed(central: State, task: Delivery) -> None:
             _end(central, claim, f"{task.message.title} was killed")
 
 
-def revoke(central: State, claim: Claim[Connection], why: str, text: str) -> None:
+def revoke(central: State, claim: ModuleClaim, why: str, text: str) -> None:
     """Take a resource away, and tell the handler or client that counts on it, again when it reconnects."""
     _end(central, claim, why)
     if claim.holder is None or claim.holder.slot is not None:
@@ -144,7 +144,7 @@ def revoke(central: State, claim: Claim[Connection], why: str, text: str) -> Non
         central.tell(claim.slot, headers.Taken(claim.number, text))
 
 
-def _note_loss(slot: Connection, claim: Claim[Connection], text: str) -> None:
+def _note_loss(slot: Connection, claim: ModuleClaim, text: str) -> None:
     delivery = claim.holder.given_as if claim.holder is not None else 0
     slot.lost_claims[claim.number] = LostClaim(delivery, claim.resource.name, text)
     if len(slot.lost_claims) > MOST_CLAIMS:
@@ -187,13 +187,14 @@ def end_claims_on_module(central: State, module: Module, why: str) -> None:
             refuse_claim(central, claim, Refusal.UNKNOWN, text)
 
 
-def _end(central: State, claim: Claim[Connection], why: str) -> None:
+def _end(central: State, claim: ModuleClaim, why: str) -> None:
     central.dispatcher.end_claim(claim)
     review_copies(central, claim.resource)
     central.clock.cancel(claim.timer)
     del central.claims[claim.slot, claim.number]
-    if (mine := central.claimed_for.get(claim.holder)) is not None:
+    holder = claim.holder
+    if holder is not None and (mine := central.claimed_for.get(holder)) is not None:
         mine.remove(claim)
         if not mine:
-            del central.claimed_for[claim.holder]
+            del central.claimed_for[holder]
     central.facts.append(facts.ClaimEnded(claim.id, why))

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 from tca_central.events import ConnectionId
 from tca_central.model.budget import AWAITED_BYTES, WAIT_BYTES
 from tca_central.model.clock import Timer
-from tca_central.model.resources import PendingLimit, Resource
+from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_central.model.rights import Rights
 from tca_central.model.stored import Stored
 from tca_wire.life_cycles import LifeCycle, read_life_cycle
@@ -458,3 +458,7 @@ class Delivery(Queued):
             if resource.limits and (limit := resource.limits.get(self.message.name)):
                 limit.remove(self)
         self.queues = None
+
+
+ModuleClaim = Claim[Connection, Delivery]
+"""A lock or reservation of a module's resource."""

@@ -18,7 +18,7 @@ import heapq
 from collections import OrderedDict
 from collections.abc import Iterator
 from itertools import chain
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from tca_central.model.clock import Timer
 from tca_central.model.stored import Stored
@@ -104,7 +104,7 @@ class Queue(Stored, Generic[Q]):
         return (one for _, _, ticket, one in self._heap if one.ticket == ticket)
 
 
-class Claim(Stored, Generic[S]):
+class Claim(Stored, Generic[S, Q]):
     """A lock or reservation that is wanted or held."""
 
     is_task = False
@@ -112,12 +112,12 @@ class Claim(Stored, Generic[S]):
     __slots__ = ("admits_owner", "arrival", "holder", "id", "number", "owner", "priority", "resource",
                  "since", "slot", "ticket", "timer")  # fmt: skip
 
-    def __init__(self, resource: "Resource[S, Any]", slot: S, owner: object, *, admits_owner: bool) -> None:
+    def __init__(self, resource: "Resource[S, Q]", slot: S, owner: object, *, admits_owner: bool) -> None:
         self.resource = resource
         self.slot = slot  #: its sender; a slot of the resource does not wait for itself
         self.owner = owner  #: whose messages a reservation lets in
         self.admits_owner = admits_owner  #: it is a reservation
-        self.holder: Any = None  #: the delivery at whose end it ends; None: it ends with its connection
+        self.holder: Q | None = None  #: the delivery at whose end it ends; None: it ends with its connection
         self.id = 0
         self.number = 0  #: of the request
         self.timer: Timer | None = None  #: when it has waited long enough
@@ -149,8 +149,8 @@ class Resource(Stored, Generic[S, Q]):
         self.copies: list[Resource[S, Q]] = [self]  #: it, and the same resource of other copies of its module; one list
         self.slots: dict[S, None] = {}
         self.numbers: dict[S, int] = {}  #: by slot, from 1; a new one gets the lowest that is free
-        self.held_by: Claim[S] | None = None  #: the lock or reservation in force
-        self.claims: dict[Claim[S], None] = {}  #: those that wait, oldest first
+        self.held_by: Claim[S, Q] | None = None  #: the lock or reservation in force
+        self.claims: dict[Claim[S, Q], None] = {}  #: those that wait, oldest first
         self.called_back: dict[Q, S] = {}  #: its slots' own questions that a lock keeps out -> the asking slot
         self.ahead: dict[Q, tuple[Fact, ...] | None] = {}
         """Messages that its only slot has already, and has not begun as far as is known -> None or, of one that nobody
@@ -159,7 +159,7 @@ class Resource(Stored, Generic[S, Q]):
         self.ahead_at: S | None = None  #: the slot that has, or had, them
         self.is_recalling = False  #: the slot has yet to say which of them it had not begun
         self._free: dict[S, None] = {}
-        self._queue: Queue[Q | Claim[S]] = Queue()
+        self._queue: Queue[Q | Claim[S, Q]] = Queue()
         self._sent_by: dict[object, Queue[Q]] | None = None  #: the same messages by sender, once it was reserved
 
     @property
@@ -265,11 +265,11 @@ class Resource(Stored, Generic[S, Q]):
         self._queue.first()  # removes void entries before it
         return next(self.queued(), None)
 
-    def in_line(self) -> list[Q | Claim[S]]:
+    def in_line(self) -> list[Q | Claim[S, Q]]:
         """Messages and claims that wait, in their order."""
         return [*self.ahead, *sorted(self._queue, key=lambda one: (-one.priority, one.arrival))]
 
-    def next_queued(self) -> Q | Claim[S] | None:
+    def next_queued(self) -> Q | Claim[S, Q] | None:
         """The next that may be let in: a message, or a claim that is to be granted now."""
         if self.is_recalling:
             return None
@@ -306,14 +306,14 @@ class Resource(Stored, Generic[S, Q]):
         self._queue.put(message)
         return self.ahead.pop(message)
 
-    def is_overtaken_by(self, newest: "Q | Claim[S]") -> bool:
+    def is_overtaken_by(self, newest: "Q | Claim[S, Q]") -> bool:
         """Whether what has just come goes before a message that the slot has already."""
         if not self.ahead:
             return False
         last = next(reversed(self.ahead))
         return (-newest.priority, newest.arrival) < (-last.priority, last.arrival)
 
-    def _first_in_line(self) -> Q | Claim[S] | None:
+    def _first_in_line(self) -> Q | Claim[S, Q] | None:
         """The next in line among those that the lock or reservation in force admits."""
         if self.ahead:
             return next(iter(self.ahead))
@@ -351,25 +351,25 @@ class Resource(Stored, Generic[S, Q]):
         self.held_by, self.claims, self._queue = None, {}, Queue()  # messages wait here no longer
         return newest
 
-    def _may_have(self, claim: Claim[S]) -> bool:
+    def _may_have(self, claim: Claim[S, Q]) -> bool:
         """Whether it is a claim's turn here and in all copies, with nobody in them but the claimant."""
         if any(one._first_in_line() is not claim for one in self.copies):  # noqa: SLF001 - its copies
             return False
         inside = [slot for one in self.copies for slot in one.slots if not one.is_free(slot)]
         return not inside or inside == [claim.slot]
 
-    def add_claim(self, claim: Claim[S]) -> None:
+    def add_claim(self, claim: Claim[S, Q]) -> None:
         """Add a claim. A slot in use that claims goes first: the resource is not idle before its handler returns."""
         if any(claim.slot in one.slots and not one.is_free(claim.slot) for one in self.copies):
             claim.priority = INSIDE
         for one in self.copies:
             one._wait(claim)  # noqa: SLF001
 
-    def _wait(self, claim: Claim[S]) -> None:
+    def _wait(self, claim: Claim[S, Q]) -> None:
         self.claims[claim] = None
         self._queue.put(claim)
 
-    def end_claim(self, claim: Claim[S]) -> None:
+    def end_claim(self, claim: Claim[S, Q]) -> None:
         """Withdraw a claim."""
         if self.held_by is not claim:
             self._leave_queues(claim)
@@ -377,13 +377,13 @@ class Resource(Stored, Generic[S, Q]):
         for one in self.copies:
             one.held_by = None
 
-    def grant(self, claim: Claim[S]) -> None:
+    def grant(self, claim: Claim[S, Q]) -> None:
         """Nobody else gets in from now on."""
         self._leave_queues(claim)
         for one in self.copies:
             one.held_by = claim
 
-    def _leave_queues(self, claim: Claim[S]) -> None:
+    def _leave_queues(self, claim: Claim[S, Q]) -> None:
         claim.ticket += 1
         for one in self.copies:
             del one.claims[claim]

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import Any, NamedTuple
 
-from tca_central.model.deliveries import Connection, Delivery, ModuleResource
+from tca_central.model.deliveries import Connection, Delivery, ModuleClaim, ModuleResource
 from tca_central.model.intervals import SINGLE_MOMENTS, delivered_at
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim
@@ -71,14 +71,14 @@ class Freeing(NamedTuple):
 class Granting(NamedTuple):
     """The granting of a claim."""
 
-    claim: Claim[Connection]
+    claim: ModuleClaim
     kind: str = "granting"  #: as a key it is not the Releasing of that claim later
 
 
 class Releasing(NamedTuple):
     """The end of the lock or reservation in force."""
 
-    claim: Claim[Connection]
+    claim: ModuleClaim
 
 
 Node = Waiting | Returning | Turn | TurnAt | Freeing | Granting | Releasing | Place

@@ -1,7 +1,6 @@
 """Answers for those that stop waiting, or cannot begin to: waits in words."""
 
-from tca_central.model.deliveries import Connection, Delivery, MessageType, ModuleResource
-from tca_central.model.resources import Claim
+from tca_central.model.deliveries import Connection, Delivery, MessageType, ModuleClaim, ModuleResource
 from tca_central.needs.graph import Freeing, Granting, TurnAt, Waiting
 from tca_central.needs.waits import of_resource, replies_to, waits_of
 from tca_central.order import dispatcher
@@ -57,7 +56,7 @@ def _why_not_replied(central: State, collector: Collector) -> str:
     return text if has_replies or not text else f"nobody replied: {text}"
 
 
-def why_not_granted(central: State, claim: Claim[Connection]) -> str:
+def why_not_granted(central: State, claim: ModuleClaim) -> str:
     """The reason why a claim is not granted yet."""
     wait = of_resource(central, claim.resource, Granting(claim))
     return f"it waits {words.in_words(wait)}"

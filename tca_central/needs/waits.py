@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from tca_central.model.clock import Timer
 from tca_central.model.contexts import heard_by
-from tca_central.model.deliveries import Connection, Delivery, PresenceWait
+from tca_central.model.deliveries import Connection, Delivery, ModuleClaim, PresenceWait
 from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim, Resource
 from tca_central.model.tasks import Task
@@ -289,7 +289,7 @@ def of_resource(central: State, resource: AnyResource, node: Node, more: int = 0
     return replace(_at(WaitKind.RESOURCE, resource, because), more=more)
 
 
-def _of_claim(central: State, claim: Claim[Connection]) -> WaitFor:
+def _of_claim(central: State, claim: ModuleClaim) -> WaitFor:
     """The wait of a claim for its resource."""
     lock = _at(WaitKind.LOCK, claim.resource, _blockers(central, Granting(claim)))
     return replace(lock, number=claim.id, name=_called(claim))
@@ -312,12 +312,12 @@ def _blockers(central: State, node: Node) -> list[WaitFor]:
     return _compact(found)
 
 
-def _claim_wait(claim: Claim[Connection], kind: WaitKind) -> WaitFor:
+def _claim_wait(claim: ModuleClaim, kind: WaitKind) -> WaitFor:
     module = claim.slot.module.name
     return WaitFor(kind, 0, _called(claim), module=module, because=_for_what(claim))
 
 
-def _for_what(claim: Claim[Connection]) -> tuple[WaitFor, ...]:
+def _for_what(claim: ModuleClaim) -> tuple[WaitFor, ...]:
     """The message for which somebody wants a resource, or has it."""
     holder = claim.holder
     if holder is None:
@@ -326,7 +326,7 @@ def _for_what(claim: Claim[Connection]) -> tuple[WaitFor, ...]:
     return (_about(kind, holder),)
 
 
-def _called(claim: Claim[Connection]) -> str:
+def _called(claim: ModuleClaim) -> str:
     return "reservation" if claim.admits_owner else "lock"
 
 

@@ -6,8 +6,8 @@ Knows which may go, and what calls them back; nothing of who is next (docs/decis
 from typing import Protocol
 
 from tca_central.model.clock import Clock
-from tca_central.model.deliveries import Connection, Delivery, Module, ModuleResource
-from tca_central.model.resources import Claim, Resource
+from tca_central.model.deliveries import Connection, Delivery, Module, ModuleClaim, ModuleResource
+from tca_central.model.resources import Resource
 from tca_central.model.stored import Stored
 from tca_wire.journal.facts import Fact
 from tca_wire.rules import DELIVERED
@@ -55,7 +55,7 @@ class MessagesAhead(Stored):
             resource.send_ahead(delivery)
             self._out.send_ahead(delivery, slot)
 
-    def make_way(self, resource: Resource[Connection, Delivery], newest: Delivery | Claim[Connection]) -> None:
+    def make_way(self, resource: Resource[Connection, Delivery], newest: Delivery | ModuleClaim) -> None:
         """Recall what is ahead if something has come that goes before it."""
         if resource.is_overtaken_by(newest):
             self.recall(resource)

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from tca_central.model.budget import DELIVERY_BYTES
 from tca_central.model.clock import Clock
-from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, Module, ModuleResource
+from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, Module, ModuleClaim, ModuleResource
 from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_central.model.stored import Stored
 from tca_central.order.ahead import MessagesAhead, WaysAhead, first_ahead, note_run, take_back
@@ -21,7 +21,7 @@ QUEUE_LIMIT = 10_000
 refused. Tasks count, but are never refused: they are in the tree anyway."""
 
 
-Suspect = Delivery | Claim[Connection] | tuple[Connection, int]
+Suspect = Delivery | ModuleClaim | tuple[Connection, int]
 """A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for a request."""
 
 
@@ -49,7 +49,7 @@ class Dispatcher(Stored):
         self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
         self.to_offer: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
         """Resources that may let in somebody, each with the slot whose handler has returned, if one has."""
-        self.granted: deque[Claim[Connection]] = deque()  #: claims that have just got their resource
+        self.granted: deque[ModuleClaim] = deque()  #: claims that have just got their resource
         self.crowded: deque[Delivery] = deque()  #: tasks that have to wait for a handler with wishes
         self.displaced: deque[tuple[Delivery, str]] = deque()  #: gave way to newer ones, and why
         self.stranded: deque[Delivery] = deque()  #: exception handlers that wait because nobody handles them any more
@@ -123,7 +123,7 @@ class Dispatcher(Stored):
         for delivery in deliveries:
             self.route(delivery)
 
-    def _arrive(self, one: Delivery | Claim[Connection]) -> None:
+    def _arrive(self, one: Delivery | ModuleClaim) -> None:
         if not one.arrival:
             self._arrivals += 1
             one.arrival = self._arrivals
@@ -195,7 +195,7 @@ class Dispatcher(Stored):
                     self._give_back(delivery, sender)
             resource.called_back.clear()
 
-    def next_in(self, resource: Resource[Connection, Delivery]) -> Delivery | Claim[Connection] | None:
+    def next_in(self, resource: Resource[Connection, Delivery]) -> Delivery | ModuleClaim | None:
         """The next that a resource lets in; while no task starts, questions go before them."""
         following = resource.next_queued()
         if self.is_holding and following is not None and following.is_task:
@@ -273,7 +273,7 @@ class Dispatcher(Stored):
 
     # --- claims ----------------------------------------------------------------------------------------------------
 
-    def claim(self, claim: Claim[Connection]) -> None:
+    def claim(self, claim: ModuleClaim) -> None:
         """Let a claim wait for its turn."""
         self._arrive(claim)
         claim.since = self._clock.now
@@ -282,7 +282,7 @@ class Dispatcher(Stored):
             self.messages_ahead.make_way(resource, claim)
         self.to_offer.append((claim.resource, None))
 
-    def end_claim(self, claim: Claim[Connection]) -> None:
+    def end_claim(self, claim: ModuleClaim) -> None:
         """End a claim, given up or released: others may get in."""
         claim.resource.end_claim(claim)
         self.to_offer.extend((copy, None) for copy in claim.resource.copies)

@@ -15,8 +15,7 @@ from properties.test_deadlocks import Blocking, free_handlers
 
 from tca_central.core import Central
 from tca_central.events import Effect
-from tca_central.model.deliveries import Connection, Delivery
-from tca_central.model.resources import Claim as Wanted
+from tca_central.model.deliveries import Connection, Delivery, ModuleClaim
 from tca_tools.explain.ends import End, Ends
 from tca_tools.explain.wait import Node
 from tca_tools.journal.at_time import RunAt
@@ -195,7 +194,7 @@ class Again(Player):
         message = self.central.registry.messages[name]
         self.module(f"new{len(self.entries)}", f"{message.message_class} {name}", capacity=2)
 
-    def release(self, claim: Wanted[Connection]) -> None:
+    def release(self, claim: ModuleClaim) -> None:
         self.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))
 
 
@@ -208,7 +207,7 @@ def _pauses(slot: Connection, run: Delivery) -> bool:
     return any(pause.since > slot.handling[run] for pause in slot.pauses.values())
 
 
-def may_be_released(central: Central) -> list[Wanted[Connection]]:
+def may_be_released(central: Central) -> list[ModuleClaim]:
     """Locks in force that whoever has them can release: he waits for nothing."""
     granted, free = [claim for claim in central.claims.values() if claim.is_granted], may_return(central)
     return [one for one in granted if (one.holder in free if one.holder else not (one.slot.waits or one.slot.pauses))]
