@@ -51,7 +51,7 @@ class BulletManipulator(BulletWorld):
         self._lid: int | None = None
         self._object: int | None = None
         self._hand: int | None = None  # a constraint: what holds the object while it is offered
-        self.assume(JointReadings(START["base"], START["arm"], START["gripper"], ObjectPlace.NOWHERE))
+        self.assume(START)
 
     def follow(self, drives: Drives, now: float) -> None:
         """Step the world; its motors work towards what the drives want."""

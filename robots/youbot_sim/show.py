@@ -3,7 +3,8 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from robots.youbot_sim.messages import CARRY_OBJECTS, LOOK, MEASURE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER, OFFER_OBJECT
+from robots.youbot_sim.messages import CARRY_OBJECTS, LOOK, MEASURE, MOVE_GRIPPER, OFFER_OBJECT
+from robots.youbot_sim.moving import MOVES
 from robots.youbot_sim.outcome import CarriedObject, read_delivery
 from robots.youbot_sim.robot import Physics, make_robot
 from robots.youbot_sim.simulator import Lid
@@ -46,14 +47,13 @@ class DeliveryShow:
         for change in schedule.lid.changes:
             simulator += ["--change", str(change)]
         with central_in(self._folder) as (address, programs):
-            programs.start_module("simulator", _program("simulator"), *simulator)
+            programs.start_module("simulator", "robots.youbot_sim.simulator", *simulator)
             for group in GROUPS:
-                programs.start_module(group, _program("mover"), group)
-            programs.start_module("perception", _program("perception"))
-            programs.start_module(
-                "coordinator", _program("coordinator"), *([] if schedule.has_preview else ["--plain"])
-            )
-            programs.start_module("user", _program("user"))
+                programs.start_module(group, "robots.youbot_sim.moving", group)
+            programs.start_module("perception", "robots.youbot_sim.perception")
+            plain = [] if schedule.has_preview else ["--plain"]
+            programs.start_module("coordinator", "robots.youbot_sim.coordination", *plain)
+            programs.start_module("user", "robots.youbot_sim.user")
             with connect("show", address) as client:
                 self._watch(client, programs)
         return read_delivery(open_log(self.journal))
@@ -70,14 +70,10 @@ class DeliveryShow:
 
     def _watch(self, client: Client, programs: Programs) -> None:
         """Have an object carried; see where the robot is when the fingers open."""
-        programs.wait_until_handled(client, CARRY_OBJECTS, OFFER_OBJECT, LOOK, MOVE_BASE, MOVE_ARM, MOVE_GRIPPER)
+        programs.wait_until_handled(client, CARRY_OBJECTS, OFFER_OBJECT, LOOK, *MOVES.values())
         with client.observe(MOVE_GRIPPER, states=["running"]) as moves:
             carrying = client.command(CARRY_OBJECTS, 1)
             for _ in programs.looks(carrying):
                 if any(move.goal.to == "open" for move in moves.arrived()) and self._seen is None:
                     self._seen = client.query(MEASURE)
             carrying.result()
-
-
-def _program(name: str) -> str:
-    return f"robots.youbot_sim.modules.{name}"
