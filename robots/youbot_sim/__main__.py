@@ -2,10 +2,9 @@
 
 import argparse
 import sys
-from typing import cast
 
 from robots.show import parser_of, save_picture, shown
-from robots.youbot_sim.robot import Physics
+from robots.youbot_sim.robot import BACKENDS
 from robots.youbot_sim.seeds import HEAD, compare, lid_of, row, summary
 from robots.youbot_sim.show import SCHEDULES, DeliveryShow, ShownDelivery
 from tca_tools.gantt.chart import Chart
@@ -21,7 +20,7 @@ def main() -> int:
     """The command line; the exit code."""
     parser = parser_of("youbot", __doc__)
     parser.add_argument("--schedule", choices=(*SCHEDULES, "all"), default="all", help=WHICH)
-    parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto", help="of the simulator")
+    parser.add_argument("--backend", choices=BACKENDS, default="auto", help="of the simulator")
     parser.add_argument(
         "--seed", type=int, help="instead of a schedule: a preview, with the box B of that row of the table"
     )
@@ -57,7 +56,7 @@ def _show(options: argparse.Namespace) -> int:
     for name, delivery in chosen.items():
         folder = options.out / name
         folder.mkdir(parents=True, exist_ok=True)
-        show = DeliveryShow(delivery, folder, cast("Physics", options.backend))
+        show = DeliveryShow(delivery, folder, options.backend)
         print(f"{name}: {delivery.title}")
         delivered = show.run()
         for task in delivered.tasks:
