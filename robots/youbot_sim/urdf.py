@@ -34,13 +34,16 @@ def youbot_urdf() -> str:
 
 def _slides() -> str:
     """Two sledges without a shape, so that the base moves freely in the plane."""
-    sledges = "".join(link(name, 1.0, (0.1, 0.1, 0.1)) for name in ("ground", "sledge_x", "sledge_y"))
-    return (
-        sledges
-        + joint("x", "prismatic", "ground", "sledge_x", (0, 0, 0), (1, 0, 0), (-20, 20), EFFORT["base"])
-        + joint("y", "prismatic", "sledge_x", "sledge_y", (0, 0, 0), (0, 1, 0), (-20, 20), EFFORT["base"])
-        + joint("heading", "continuous", "sledge_y", "base", (0, 0, 0), (0, 0, 1), None, EFFORT["base"])
-    )
+    sledges = [link(name, 1.0, (0.1, 0.1, 0.1)) for name in ("ground", "sledge_x", "sledge_y")]
+    ways = [
+        ("x", "prismatic", ("ground", "sledge_x"), (1, 0, 0), (-20, 20)),
+        ("y", "prismatic", ("sledge_x", "sledge_y"), (0, 1, 0), (-20, 20)),
+        ("heading", "continuous", ("sledge_y", "base"), (0, 0, 1), None),
+    ]
+    joints = [
+        joint(name, kind, *ends, (0, 0, 0), axis, limits, EFFORT["base"]) for name, kind, ends, axis, limits in ways
+    ]
+    return "".join([*sledges, *joints])
 
 
 def _base() -> str:
