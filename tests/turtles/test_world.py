@@ -119,15 +119,6 @@ def test_no_command_brings_a_turtle_off_the_sheet(commands: list[tuple[float, fl
         assert -math.pi <= pose.theta <= math.pi
 
 
-def test_turtles_may_have_times_of_their_own() -> None:
-    made = world()
-    made.spawn("u", Pose(1.0, 1.0))
-    for name in ("t", "u"):
-        made.command(name, 1.0, 0.0)
-    made.advance(1.0, "u")
-    assert (made.turtle("t").pose.x, made.turtle("u").pose.x) == (5.0, 2.0)
-
-
 def test_errors_say_what_there_is() -> None:
     made = world()
     with pytest.raises(NoSuchTurtle, match="there is no turtle 'u': there are t"):
