@@ -3,8 +3,6 @@
 The wheels only turn in pictures: the base slides in x and y and turns, as four mecanum wheels let it.
 """
 
-import itertools
-
 from robots.urdf import box, cylinder, joint, link, robot, solid_box, wheel
 from robots.youbot_sim.kinematics import FORE, HAND, LIMITS, MOUNT, SHOULDER_AHEAD, SHOULDER_HEIGHT, UPPER
 from robots.youbot_sim.places import OBJECT
@@ -68,20 +66,16 @@ def _base() -> str:
 
 def _arm() -> str:
     """Five joints: one about the upright, three that lean, one about the hand."""
-    names = ["base", "arm1_link", "arm2_link", "arm3_link", "arm4_link", "hand"]
-    places = [
-        (MOUNT, 0.0, SHOULDER_HEIGHT - SHOULDER_RISE),
-        (SHOULDER_AHEAD, 0.0, SHOULDER_RISE),
-        (0.0, 0.0, UPPER),
-        (0.0, 0.0, FORE),
-        (0.0, 0.0, WRIST_TO_TURN),
+    rows = [
+        ("base", "arm1_link", (MOUNT, 0.0, SHOULDER_HEIGHT - SHOULDER_RISE), (0, 0, 1)),
+        ("arm1_link", "arm2_link", (SHOULDER_AHEAD, 0.0, SHOULDER_RISE), (0, 1, 0)),
+        ("arm2_link", "arm3_link", (0.0, 0.0, UPPER), (0, 1, 0)),
+        ("arm3_link", "arm4_link", (0.0, 0.0, FORE), (0, 1, 0)),
+        ("arm4_link", "hand", (0.0, 0.0, WRIST_TO_TURN), (0, 0, 1)),
     ]
-    axes = [(0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 1, 0), (0, 0, 1)]
     joints = [
-        joint(f"arm{number}", "revolute", *ends, place, axis, limits, EFFORT["arm"])
-        for number, (ends, place, axis, limits) in enumerate(
-            zip(itertools.pairwise(names), places, axes, LIMITS, strict=True), start=1
-        )
+        joint(f"arm{number}", "revolute", *row, limits, EFFORT["arm"])
+        for number, (row, limits) in enumerate(zip(rows, LIMITS, strict=True), start=1)
     ]
     return "".join([*_arm_links(), *joints])
 
