@@ -7,7 +7,7 @@ from robots.urdf import box, cylinder, joint, link, robot, solid_box, wheel
 from robots.youbot_sim.kinematics import FORE, HAND, LIMITS, MOUNT, SHOULDER_AHEAD, SHOULDER_HEIGHT, UPPER
 from robots.youbot_sim.places import OBJECT
 
-EFFORT = {"base": 800.0, "arm": 60.0, "finger": 25.0}
+EFFORT = {"base": 800.0, "arm": 60.0, "gripper": 25.0}
 """The strongest force (N) or torque (Nm) of a motor."""
 
 SHOULDER_RISE = 0.019
@@ -108,6 +108,6 @@ def _gripper() -> str:
         size = (wide, thick, long)
         looks = [box(middle, size, "bright"), box((0.0, side * thick, 0.045), (0.014, 0.01, 0.05), "dark")]
         finger = link(f"{name}_link", 0.05, FINGER, looks, GRIP + solid_box(middle, size), centre=middle)
-        ends, force = (0.0, 0.03), EFFORT["finger"]
+        ends, force = (0.0, 0.03), EFFORT["gripper"]
         parts += [finger, joint(name, "prismatic", "hand", f"{name}_link", (0, 0, 0), (0, side, 0), ends, force)]
     return "".join(parts)

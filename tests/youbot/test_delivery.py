@@ -13,7 +13,7 @@ from robots.youbot_sim.messages import CARRY_OBJECTS, MEASURE, MOVE_ARM
 from robots.youbot_sim.outcome import CarriedObject, DoneTask, read_delivery
 from robots.youbot_sim.robot import Physics
 from robots.youbot_sim.seeds import HEAD, compare, row, summary
-from robots.youbot_sim.show import SCHEDULES, DeliveryShow
+from robots.youbot_sim.show import SCHEDULES, show
 from robots.youbot_sim.simulator import Lid
 from robots.youbot_sim.stepped import deliver, robot
 from robots.youbot_sim.vocabulary import ObjectPlace
@@ -143,9 +143,8 @@ def test_the_docs_have_the_table_and_no_delivery_is_slower_with_a_preview() -> N
 @pytest.mark.soak
 @pytest.mark.parametrize("backend", ["auto", "kinematic"])
 def test_programs_of_their_own_come_to_the_same_schedule(backend: Physics, tmp_path: Path) -> None:
-    show = DeliveryShow(SCHEDULES["changed"], tmp_path, backend)
-    found = show.run()
+    found, picture = show(SCHEDULES["changed"], tmp_path, backend)
     assert {task.state: task.roles for task in found.tasks} == {
         task.state: task.roles for task in delivered("changed").tasks
     }
-    assert show.picture().exists()
+    assert picture.exists()
