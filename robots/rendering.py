@@ -1,13 +1,12 @@
 """Raw renderings of a physics engine, and what all pictures make of them: shadows, lines, PNG files."""
 
 import math
-import struct
-import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
@@ -19,9 +18,6 @@ RENDERED = (2 * SIZE[0], 2 * SIZE[1])
 """Twice as large, then averaged: the renderer draws hard edges."""
 
 SHADOW = 0.58
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-EIGHT_BIT_RGB = (8, 2, 0, 0, 0)
-NO_FILTER = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,14 +94,5 @@ def halved(image: Array) -> Pixels:
 
 
 def write_png(path: Path, pixels: Pixels) -> None:
-    """Write (height, width, 3) pixels as PNG, with the standard library alone."""
-    height, width, _ = pixels.shape
-    header = struct.pack(">2I5B", width, height, *EIGHT_BIT_RGB)
-    filters = np.full((height, 1), NO_FILTER, dtype=np.uint8)
-    rows = np.hstack([filters, pixels.reshape(height, width * 3)])
-    body = zlib.compress(rows.tobytes(), level=9)
-    path.write_bytes(PNG_SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", body) + _chunk(b"IEND", b""))
-
-
-def _chunk(kind: bytes, data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    """Write (height, width, 3) pixels as PNG."""
+    Image.fromarray(pixels).save(path, "PNG")

@@ -25,6 +25,7 @@ from robots.cartesian_sim.messages import (
     JointSpeed,
     WallPoint,
 )  # fmt: skip
+from tca_behaviours.activities.components import Region
 from tca_module import Module, Task
 from tca_module.link.opening import CentralAddress
 
@@ -61,11 +62,11 @@ class Operator:
     def enable(self, task: Task) -> None:
         """Enable all joints."""
         self._tell_joints("enable")
-        self._wait(task, lambda: all(joint.enabling.is_in("enabled") for joint in self.joints.values()), lambda: False)
+        self._wait(task, lambda: self._all("enabling", "enabled"), lambda: False)
 
-    def disable(self, _task: Task) -> None:
+    def disable(self, task: Task) -> None:
         """Stop, and close all brakes."""
-        self._tell_all_to_stop()
+        self.stop(task)
         self._tell_joints("disable")
 
     def reference(self, task: Task) -> None:
@@ -73,39 +74,32 @@ class Operator:
         self._check_ready("enabling.enabled", "movement.standing")
         self._tell_joints("reference")
         self._wait_begun(task, lambda: self._any("searching") and not self._any("unreferenced"))
-        self._wait(
-            task,
-            lambda: all(joint.referencing.is_in("referenced") for joint in self.joints.values()),
-            lambda: self._any("unreferenced"),
-        )
+        self._wait(task, lambda: self._all("referencing", "referenced"), lambda: self._any("unreferenced"))
 
     def move_to(self, task: Task, point: WallPoint) -> None:
         """Go to a point of the wall."""
         self._check_free()
-        guide = self.parts.guide
-        guide.goal.put(point)
-        self._wait_begun(task, lambda: guide.travel.is_in("travelling"))
-        self._wait(task, lambda: guide.travel.is_in("resting"), self._is_stopped)
+        self.parts.guide.goal.put(point)
+        self._wait_for_rest(task, self.parts.guide.travel, "resting")
 
     def move_joint(self, task: Task, move: JointMove) -> None:
         """Move one joint to a position."""
         joint = self._joint(move.joint)
         self._check_free()
         joint.target.put(JointTarget(move.position, move.speed))
-        self._wait_begun(task, lambda: not joint.movement.is_in("standing"))
-        self._wait(task, lambda: joint.movement.is_in("standing"), self._is_stopped)
+        self._wait_for_rest(task, joint.movement, "standing")
 
     def clean(self, task: Task) -> None:
         """Clean the wall."""
         self._check_free()
-        guide = self.parts.guide
-        guide.command.put("clean")
-        self._wait_begun(task, lambda: guide.cleaning.is_in("working"))
-        self._wait(task, lambda: guide.cleaning.is_in("idle"), self._is_stopped)
+        self.parts.guide.command.put("clean")
+        self._wait_for_rest(task, self.parts.guide.cleaning, "idle")
 
     def stop(self, _task: Task) -> None:
         """Stop all that moves."""
-        self._tell_all_to_stop()
+        self._stopped = True
+        self.parts.guide.command.put("stop")
+        self._tell_joints("stop")
 
     def set_speed(self, _task: Task, speed: float) -> None:
         """Change the speed of moves in two dimensions; from the next one on."""
@@ -123,6 +117,10 @@ class Operator:
 
     # --- what they share -------------------------------------------------------------------------------------------
 
+    def _all(self, region: str, state: str) -> bool:
+        """Whether that region of each joint is in this state."""
+        return all(joint.regions[region].is_in(state) for joint in self.joints.values())
+
     def _any(self, state: str) -> bool:
         """Whether a joint's region of referencing is in this state."""
         return any(joint.referencing.is_in(state) for joint in self.joints.values())
@@ -131,14 +129,6 @@ class Operator:
         for joint in self.joints.values():
             joint.command.put(command)
 
-    def _tell_all_to_stop(self) -> None:
-        self._stopped = True
-        self.parts.guide.command.put("stop")
-        self._tell_joints("stop")
-
-    def _is_stopped(self) -> bool:
-        return self._stopped or not all(joint.enabling.is_in("enabled") for joint in self.joints.values())
-
     def _joint(self, name: str) -> Joint:
         if name not in self.joints:
             raise NO_SUCH_JOINT(name, f"there is no joint '{name}': there are {', '.join(JOINTS)}")
@@ -146,7 +136,6 @@ class Operator:
 
     def _check_free(self) -> None:
         self._check_ready("enabling.enabled", "referencing.referenced")
-        self._stopped = False
 
     def _check_ready(self, *states: str) -> None:
         self._stopped = False
@@ -154,6 +143,11 @@ class Operator:
             for region, state in (each.split(".") for each in states):
                 if not joint.regions[region].is_in(state):
                     raise NOT_READY(joint.name, f"joint {joint.name} is not {state}: {joint.regions[region].current}")
+
+    def _wait_for_rest(self, task: Task, region: Region, rest: str) -> None:
+        """Wait until a region has left its state of rest, and has come back to it."""
+        self._wait_begun(task, lambda: not region.is_in(rest))
+        self._wait(task, lambda: region.is_in(rest), lambda: self._stopped or not self._all("enabling", "enabled"))
 
     def _wait_begun(self, task: Task, is_begun: Callable[[], bool]) -> None:
         """What is begun may be over before it is seen: so no failure."""
@@ -167,7 +161,7 @@ class Operator:
             while not is_done() and not is_lost():
                 task.sleep(LOOK)
         except BaseException:
-            self._tell_all_to_stop()
+            self.stop(task)
             raise
         if is_lost():
             raise INTERRUPTED(text="the robot was stopped, or a joint disabled")

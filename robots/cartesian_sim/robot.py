@@ -22,6 +22,19 @@ from tca_module.link.opening import CentralAddress
 NAME = "cleaning robot"
 
 LENGTHS = {"x": WIDTH, "y": HEIGHT, "tool": 0.2}
+
+
+def _of_joint(joint: str, length: float) -> list[Control]:
+    group = f"joint {joint}"
+    position = ControlField("position", length / 2, "m", 0.0, length)
+    speed = ControlField("speed", 0.1, "m/s", -0.8, 0.8)
+    return [
+        Control("move", MOVE_JOINT.name, {"joint": joint}, [position], group),
+        Control("set speed", SET_JOINT_SPEED.name, {"joint": joint}, [speed], group),
+        Control("stop", SET_JOINT_SPEED.name, {"joint": joint, "speed": 0.0}, group=group),
+    ]
+
+
 CONTROLS = [
     Control("enable", ENABLE.name, group="robot"),
     Control("disable", DISABLE.name, group="robot"),
@@ -33,21 +46,7 @@ CONTROLS = [
         fields=[ControlField("x", 1.0, "m", 0.0, WIDTH), ControlField("y", 0.6, "m", 0.0, HEIGHT)],
     ),
     Control("set speed", SET_SPEED.name, group="position", fields=[ControlField("", 0.5, "m/s", 0.01, 0.8)]),
-    *(
-        control
-        for joint, length in LENGTHS.items()
-        for control in (
-            Control(
-                "move", MOVE_JOINT.name, {"joint": joint}, [ControlField("position", length / 2, "m", 0.0, length)],
-                f"joint {joint}",
-            ),
-            Control(
-                "set speed", SET_JOINT_SPEED.name, {"joint": joint}, [ControlField("speed", 0.1, "m/s", -0.8, 0.8)],
-                f"joint {joint}",
-            ),
-            Control("stop", SET_JOINT_SPEED.name, {"joint": joint, "speed": 0.0}, group=f"joint {joint}"),
-        )
-    ),
+    *(control for joint, length in LENGTHS.items() for control in _of_joint(joint, length)),
 ]  # fmt: skip
 
 

@@ -72,7 +72,6 @@ class Turtle:
     pose: Pose
     pen: Pen = field(default_factory=Pen)
     command_left: float = 0.0
-    wall_hits: int = 0
     time: float = 0.0
     owed: float = 0.0
     stroke: Stroke | None = None
@@ -133,9 +132,7 @@ class TurtleWorld:
         if turtle.command_left <= 0.0:
             return
         before = turtle.pose
-        free = moved(before, STEP)
-        turtle.pose = _on_the_sheet(free)
-        turtle.wall_hits += (free.x, free.y) != (turtle.pose.x, turtle.pose.y)
+        turtle.pose = _on_the_sheet(moved(before, STEP))
         self._draw(turtle, before)
         turtle.command_left -= STEP
         if turtle.command_left <= 0.0:

@@ -2,12 +2,11 @@
 
 import argparse
 import sys
-from typing import cast
 
 from robots.show import parser_of, save_picture, shown
-from robots.youbot_sim.robot import Physics
+from robots.youbot_sim.robot import BACKENDS
 from robots.youbot_sim.seeds import HEAD, compare, lid_of, row, summary
-from robots.youbot_sim.show import SCHEDULES, DeliveryShow, ShownDelivery
+from robots.youbot_sim.show import SCHEDULES, ShownDelivery, show
 from tca_tools.gantt.chart import Chart
 from tca_tools.journal.fold import folded
 from tca_tools.journal.journals import open_log
@@ -21,7 +20,7 @@ def main() -> int:
     """The command line; the exit code."""
     parser = parser_of("youbot", __doc__)
     parser.add_argument("--schedule", choices=(*SCHEDULES, "all"), default="all", help=WHICH)
-    parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto", help="of the simulator")
+    parser.add_argument("--backend", choices=BACKENDS, default="auto", help="of the simulator")
     parser.add_argument(
         "--seed", type=int, help="instead of a schedule: a preview, with the box B of that row of the table"
     )
@@ -57,15 +56,15 @@ def _show(options: argparse.Namespace) -> int:
     for name, delivery in chosen.items():
         folder = options.out / name
         folder.mkdir(parents=True, exist_ok=True)
-        show = DeliveryShow(delivery, folder, cast("Physics", options.backend))
         print(f"{name}: {delivery.title}")
-        delivered = show.run()
+        delivered, picture = show(delivery, folder, options.backend)
         for task in delivered.tasks:
             print(f"  {task}")
         print(f"  done after {delivered.seconds:.1f} s")
-        for path in (show.journal, show.picture()):
+        journal = folder / "journal"
+        for path in (journal, picture):
             print("  made", path)
-        drawn += schedules(folded(open_log(show.journal)), f"{name}: {delivery.title}")
+        drawn += schedules(folded(open_log(journal)), f"{name}: {delivery.title}")
     for path in save_picture(options.out / "schedules", svg_text(drawn)):
         print("made", path)
     return 0

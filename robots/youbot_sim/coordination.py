@@ -1,4 +1,6 @@
-"""The coordinator of the delivery."""
+"""The coordinator of the delivery, and its program."""
+
+import argparse
 
 from robots.youbot_sim.delivery import make_delivery
 from tca_behaviours.coordination import Coordinator
@@ -23,3 +25,14 @@ def make_module(coordinator: Coordinator) -> Module:
     module = Module("coordinator")
     coordinator.handle_in(module)
     return module
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m robots.youbot_sim.coordination", description=__doc__)
+    parser.add_argument("--plain", action="store_true", help="without a preview: nothing is done ahead")
+    make_module(make_coordinator(has_preview=not parser.parse_args().plain)).run()
+
+
+if __name__ == "__main__":
+    main()

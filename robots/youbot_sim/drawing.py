@@ -1,11 +1,10 @@
 """A drawing of the robot from above, with places and boxes, and of its arm from the side, as SVG text."""
 
-import math
 from collections.abc import Iterable
 
-from robots.drawing import Place, View
+from robots.drawing import View
 from robots.plane import placed
-from robots.youbot_sim.kinematics import FORE, HAND, MOUNT, SHOULDER_AHEAD, SHOULDER_HEIGHT, UPPER, tip_in_world
+from robots.youbot_sim.kinematics import MOUNT, chain, tip_in_world
 from robots.youbot_sim.places import BOXES, POSES
 from robots.youbot_sim.vocabulary import JointReadings, Joints, ObjectPlace
 from tca_tools.drawing.svg import document
@@ -57,7 +56,7 @@ def _block(look: str, place: Joints, length: float, breadth: float) -> str:
 
 def _side(robot: JointReadings) -> Iterable[str]:
     """The arm from the side, in the plane in which it leans."""
-    joints = [(MOUNT, DECK), *_chain(robot.arm)]
+    joints = [(MOUNT, DECK), *((MOUNT + ahead, up) for ahead, up in chain(robot.arm))]
     yield SIDE.words(f"the arm, object: {robot.object}", (0.0, 0.0), right=-110, down=-396)
     yield SIDE.line("ink", [(-1 / 3, 0.0), (240 / SIDE.scale, 0.0)])
     yield SIDE.box("base", (-LENGTH / 2, 0.05), LENGTH, DECK - 0.05)
@@ -67,13 +66,3 @@ def _side(robot: JointReadings) -> Iterable[str]:
         ahead, up = joints[-1]
         half = 8 / SIDE.scale
         yield SIDE.box("object", (ahead - half, up - half), 2 * half, 2 * half)
-
-
-def _chain(arm: Joints) -> Iterable[Place]:
-    """Shoulder, elbow, wrist and fingertips: how far ahead and up."""
-    ahead, up, lean = MOUNT + SHOULDER_AHEAD, SHOULDER_HEIGHT, 0.0
-    yield ahead, up
-    for length, angle in zip((UPPER, FORE, HAND), arm[1:4], strict=True):
-        lean += angle
-        ahead, up = ahead + length * math.sin(lean), up + length * math.cos(lean)
-        yield ahead, up

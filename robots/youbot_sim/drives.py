@@ -2,13 +2,9 @@
 
 from robots.youbot_sim.motion import go_on, halt, plan
 from robots.youbot_sim.places import POSES
-from robots.youbot_sim.vocabulary import GROUPS, Drive, Group, Joints, Motion, Phase
+from robots.youbot_sim.vocabulary import GROUPS, Drive, Group, JointReadings, Joints, Motion, ObjectPlace, Phase
 
-START: dict[Group, Joints] = {
-    "base": POSES["base"]["A"],
-    "arm": POSES["arm"]["home"],
-    "gripper": POSES["gripper"]["open"],
-}
+START = JointReadings(POSES["base"]["A"], POSES["arm"]["home"], POSES["gripper"]["open"], ObjectPlace.NOWHERE)
 
 
 class Drives:
@@ -16,7 +12,7 @@ class Drives:
 
     def __init__(self) -> None:
         self._motions: dict[Group, list[tuple[Motion, float]]] = {
-            group: [(Motion(START[group], START[group], ()), 0.0)] for group in GROUPS
+            group: [(Motion(START.joints(group), START.joints(group), ()), 0.0)] for group in GROUPS
         }
 
     def drive(self, drive: Drive, now: float) -> Motion:

@@ -5,6 +5,7 @@ that turns the arm, three that lean it, and one that turns the gripper.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from robots.plane import placed
@@ -39,14 +40,20 @@ class Grip:
     lean: float
 
 
+def chain(joints: Joints) -> Iterator[tuple[float, float]]:
+    """Shoulder, elbow, wrist and fingertips: how far ahead of where the arm turns, and how high."""
+    ahead, up, lean = SHOULDER_AHEAD, SHOULDER_HEIGHT, 0.0
+    yield ahead, up
+    for length, angle in zip((UPPER, FORE, HAND), joints[1:4], strict=True):
+        lean += angle
+        ahead, up = ahead + length * math.sin(lean), up + length * math.cos(lean)
+        yield ahead, up
+
+
 def grip_of(joints: Joints) -> Grip:
     """Where the fingertips are."""
-    azimuth, shoulder, elbow, wrist, _ = joints
-    leans = (shoulder, shoulder + elbow, shoulder + elbow + wrist)
-    links = tuple(zip((UPPER, FORE, HAND), leans, strict=True))
-    reach = SHOULDER_AHEAD + sum(length * math.sin(lean) for length, lean in links)
-    height = SHOULDER_HEIGHT + sum(length * math.cos(lean) for length, lean in links)
-    return Grip(azimuth, reach, height, leans[-1])
+    *_, (reach, height) = chain(joints)
+    return Grip(joints[0], reach, height, sum(joints[1:4]))
 
 
 def joints_for(grip: Grip) -> Joints:

@@ -1,11 +1,24 @@
 """A module that moves one group of joints: base, arm and gripper differ in nothing else."""
 
+import sys
 from dataclasses import replace
+from typing import cast
 
-from robots.youbot_sim.messages import DID_NOT_ARRIVE, DRIVE, HALT, MEASURE, UNKNOWN_POSE
+from robots.youbot_sim.messages import (
+    DID_NOT_ARRIVE,
+    DRIVE,
+    HALT,
+    MEASURE,
+    MOVE_ARM,
+    MOVE_BASE,
+    MOVE_GRIPPER,
+    UNKNOWN_POSE,
+)
 from robots.youbot_sim.places import POSES
 from robots.youbot_sim.vocabulary import Drive, Group, Joints, Move
-from tca_module import Command, Module, Task
+from tca_module import Module, Task
+
+MOVES = {"base": MOVE_BASE, "arm": MOVE_ARM, "gripper": MOVE_GRIPPER}
 
 REPORTS = 20
 """A move tells so often how far it is."""
@@ -23,11 +36,11 @@ PATIENCE = 20
 """How often they are."""
 
 
-def make_module(group: Group, message: Command[Move, None]) -> Module:
-    """The module that moves *group* when it gets *message*."""
+def make_module(group: Group) -> Module:
+    """The module that moves *group*."""
     module = Module(group)
 
-    @module.handles(message, takes=["update", "cancel"])
+    @module.handles(MOVES[group], takes=["update", "cancel"])
     def move(task: Task, wanted: Move) -> None:
         goal = _goal(group, wanted)
         try:
@@ -77,3 +90,7 @@ def _settle(task: Task, group: Group, goal: Joints) -> None:
             return
         task.sleep(SETTLING)
     raise DID_NOT_ARRIVE(missed, f"the {group} is {missed:.3f} away from its goal")
+
+
+if __name__ == "__main__":
+    make_module(cast("Group", sys.argv[1])).run()

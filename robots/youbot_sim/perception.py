@@ -34,3 +34,7 @@ def make_module() -> Module:
             callback.set_variable(BOX_B_FREE, confidence, wait=False)
 
     return perception
+
+
+if __name__ == "__main__":
+    make_module().run()

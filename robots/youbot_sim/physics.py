@@ -30,7 +30,6 @@ MOTORS: dict[Group, tuple[str, ...]] = {
     "arm": ("arm1", "arm2", "arm3", "arm4", "arm5"),
     "gripper": ("finger1", "finger2"),
 }
-FORCES = {"base": EFFORT["base"], "arm": EFFORT["arm"], "gripper": EFFORT["finger"]}
 WALLS, LID, OBJECT_COLOUR = (0.42, 0.56, 0.72, 1), (0.35, 0.38, 0.42, 1), (0.16, 0.62, 0.34, 1)
 
 
@@ -51,7 +50,7 @@ class BulletManipulator(BulletWorld):
         self._lid: int | None = None
         self._object: int | None = None
         self._hand: int | None = None  # a constraint: what holds the object while it is offered
-        self.assume(JointReadings(START["base"], START["arm"], START["gripper"], ObjectPlace.NOWHERE))
+        self.assume(START)
 
     def follow(self, drives: Drives, now: float) -> None:
         """Step the world; its motors work towards what the drives want."""
@@ -125,7 +124,7 @@ class BulletManipulator(BulletWorld):
             pybullet.POSITION_CONTROL,
             targetPositions=_per_motor(group, drives.joints(group, time)),
             targetVelocities=_per_motor(group, drives.rates(group, time)),
-            forces=[FORCES[group]] * len(motors),
+            forces=[EFFORT[group]] * len(motors),
             positionGains=[0.3] * len(motors),
             velocityGains=[1.0] * len(motors),
         )

@@ -3,7 +3,8 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from robots.youbot_sim.messages import CARRY_OBJECTS, LOOK, MEASURE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER, OFFER_OBJECT
+from robots.youbot_sim.messages import CARRY_OBJECTS, LOOK, MEASURE, MOVE_GRIPPER, OFFER_OBJECT
+from robots.youbot_sim.moving import MOVES
 from robots.youbot_sim.outcome import CarriedObject, read_delivery
 from robots.youbot_sim.robot import Physics, make_robot
 from robots.youbot_sim.simulator import Lid
@@ -29,55 +30,38 @@ SCHEDULES = {
 }
 
 
-class DeliveryShow:
-    """One delivery, and where its files go."""
-
-    def __init__(self, schedule: ShownDelivery, folder: Path, backend: Physics) -> None:
-        self.journal = folder / "journal"
-        self._seen: JointReadings | None = None
-        self._schedule = schedule
-        self._folder = folder
-        self._backend = backend
-
-    def run(self) -> CarriedObject:
-        """Carry it out, in place of an earlier one."""
-        schedule = self._schedule
-        simulator = ["--backend", self._backend, *(["--covered"] * schedule.lid.starts_covered)]
-        for change in schedule.lid.changes:
-            simulator += ["--change", str(change)]
-        with central_in(self._folder) as (address, programs):
-            programs.start_module("simulator", _program("simulator"), *simulator)
-            for group in GROUPS:
-                programs.start_module(group, _program("mover"), group)
-            programs.start_module("perception", _program("perception"))
-            programs.start_module(
-                "coordinator", _program("coordinator"), *([] if schedule.has_preview else ["--plain"])
-            )
-            programs.start_module("user", _program("user"))
-            with connect("show", address) as client:
-                self._watch(client, programs)
-        return read_delivery(open_log(self.journal))
-
-    def picture(self) -> Path:
-        """The robot as it was about to drop the object."""
-        assert self._seen is not None, "run() comes first"
-        robot = make_robot(self._backend)
-        robot.assume(self._seen)
-        robot.cover(is_covered=self._schedule.lid != Lid())
-        written = robot.picture(self._folder / "robot")
-        robot.close()
-        return written
-
-    def _watch(self, client: Client, programs: Programs) -> None:
-        """Have an object carried; see where the robot is when the fingers open."""
-        programs.wait_until_handled(client, CARRY_OBJECTS, OFFER_OBJECT, LOOK, MOVE_BASE, MOVE_ARM, MOVE_GRIPPER)
-        with client.observe(MOVE_GRIPPER, states=["running"]) as moves:
-            carrying = client.command(CARRY_OBJECTS, 1)
-            for _ in programs.looks(carrying):
-                if any(move.goal.to == "open" for move in moves.arrived()) and self._seen is None:
-                    self._seen = client.query(MEASURE)
-            carrying.result()
+def show(schedule: ShownDelivery, folder: Path, backend: Physics) -> tuple[CarriedObject, Path]:
+    """Carry it out, in place of an earlier one; what became of it, and a picture of the robot over the box."""
+    simulator = ["--backend", backend, *(["--covered"] * schedule.lid.starts_covered)]
+    for change in schedule.lid.changes:
+        simulator += ["--change", str(change)]
+    with central_in(folder) as (address, programs):
+        programs.start_module("simulator", "robots.youbot_sim.simulator", *simulator)
+        for group in GROUPS:
+            programs.start_module(group, "robots.youbot_sim.moving", group)
+        programs.start_module("perception", "robots.youbot_sim.perception")
+        plain = [] if schedule.has_preview else ["--plain"]
+        programs.start_module("coordinator", "robots.youbot_sim.coordination", *plain)
+        programs.start_module("user", "robots.youbot_sim.user")
+        with connect("show", address) as client:
+            seen = _watch(client, programs)
+    robot = make_robot(backend)
+    robot.assume(seen)
+    robot.cover(is_covered=schedule.lid != Lid())
+    picture = robot.picture(folder / "robot")
+    robot.close()
+    return read_delivery(open_log(folder / "journal")), picture
 
 
-def _program(name: str) -> str:
-    return f"robots.youbot_sim.modules.{name}"
+def _watch(client: Client, programs: Programs) -> JointReadings:
+    """Have an object carried; where the robot is when the fingers open."""
+    programs.wait_until_handled(client, CARRY_OBJECTS, OFFER_OBJECT, LOOK, *MOVES.values())
+    seen: JointReadings | None = None
+    with client.observe(MOVE_GRIPPER, states=["running"]) as moves:
+        carrying = client.command(CARRY_OBJECTS, 1)
+        for _ in programs.looks(carrying):
+            if any(move.goal.to == "open" for move in moves.arrived()) and seen is None:
+                seen = client.query(MEASURE)
+        carrying.result()
+    assert seen is not None, "the object is in a box"
+    return seen

@@ -1,11 +1,12 @@
-"""The simulated robot and its boxes, as a module: drives to command, sensors to read."""
+"""The simulated robot and its boxes, as a module and as a program: drives to command, sensors to read."""
 
+import argparse
 from dataclasses import dataclass
 from typing import cast
 
 from robots.youbot_sim.drives import Drives
-from robots.youbot_sim.mechanism import MobileManipulator
 from robots.youbot_sim.messages import DRIVE, HALT, LOOK, MEASURE, OFFER_OBJECT
+from robots.youbot_sim.robot import BACKENDS, MobileManipulator, make_robot
 from robots.youbot_sim.vocabulary import Group
 from tca_module import Callback, Module, Task
 
@@ -72,3 +73,25 @@ def make_module(simulated: SimulatedRobot, *, has_steps: bool) -> Module:
     simulator.handles(MEASURE)(lambda task: now(task).robot.measured())
     simulator.handles(LOOK)(lambda task: not simulated.is_covered(task.time()))
     return simulator
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m robots.youbot_sim.simulator", description=__doc__)
+    parser.add_argument("--backend", choices=BACKENDS, default="auto")
+    parser.add_argument("--covered", action="store_true", help="box B has its lid on at first")
+    parser.add_argument(
+        "--change", type=float, action="append", default=[], metavar="SECONDS",
+        help="so long after the object was offered the lid is put on, or taken off; may be given several times",
+    )  # fmt: skip
+    options = parser.parse_args()
+    robot = make_robot(options.backend)
+    lid = Lid(tuple(options.change), starts_covered=options.covered)
+    try:
+        make_module(SimulatedRobot(robot, lid), has_steps=robot.name == "pybullet").run()
+    finally:
+        robot.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,15 +1,15 @@
-"""The whole robot in one process, on a clock that is stepped: the same delivery comes out the same every time."""
+"""All of the robot in one process, on a clock that is stepped: the same delivery comes out the same every time."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
-from robots.youbot_sim import coordination, perception, simulator, user
+from robots.youbot_sim import coordination, moving, perception, simulator, user
 from robots.youbot_sim.kinematic import KinematicManipulator
-from robots.youbot_sim.messages import CARRY_OBJECTS, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER
-from robots.youbot_sim.moving import make_module
+from robots.youbot_sim.messages import CARRY_OBJECTS
 from robots.youbot_sim.simulator import Lid, SimulatedRobot
+from robots.youbot_sim.vocabulary import GROUPS
 from tca_behaviours.coordination import Coordinator
-from tca_module import connect
+from tca_module import Module, connect
 from tca_module.testing import LocalCentral
 
 SETTLED = 1.0
@@ -19,22 +19,23 @@ STRIDE = 1.0
 
 
 @contextmanager
-def robot(lid: Lid, coordinator: Coordinator) -> Iterator[LocalCentral]:
-    """All modules, with the kinematic twin; the caller steps its clock."""
-    modules = [
-        simulator.make_module(SimulatedRobot(KinematicManipulator(), lid), has_steps=False),
-        make_module("base", MOVE_BASE),
-        make_module("arm", MOVE_ARM),
-        make_module("gripper", MOVE_GRIPPER),
-        perception.make_module(),
-        coordination.make_module(coordinator),
-        user.make_module(coordinator),
-    ]
+def running(robot: SimulatedRobot, *modules: Module, has_steps: bool = False) -> Iterator[LocalCentral]:
+    """What moves the robot and looks into box B, and these modules; the caller steps their clock."""
+    movers = [moving.make_module(group) for group in GROUPS]
+    simulated = simulator.make_module(robot, has_steps=has_steps)
     with ExitStack() as stack:
         central = stack.enter_context(LocalCentral(stepped=True))
-        for module in modules:
+        for module in (simulated, *movers, perception.make_module(), *modules):
             module.central = central
             stack.enter_context(module.running())
+        yield central
+
+
+@contextmanager
+def robot(lid: Lid, coordinator: Coordinator) -> Iterator[LocalCentral]:
+    """All modules, with the kinematic twin."""
+    simulated = SimulatedRobot(KinematicManipulator(), lid)
+    with running(simulated, coordination.make_module(coordinator), user.make_module(coordinator)) as central:
         yield central
 
 

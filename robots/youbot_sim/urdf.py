@@ -3,13 +3,11 @@
 The wheels only turn in pictures: the base slides in x and y and turns, as four mecanum wheels let it.
 """
 
-import itertools
-
 from robots.urdf import box, cylinder, joint, link, robot, solid_box, wheel
 from robots.youbot_sim.kinematics import FORE, HAND, LIMITS, MOUNT, SHOULDER_AHEAD, SHOULDER_HEIGHT, UPPER
 from robots.youbot_sim.places import OBJECT
 
-EFFORT = {"base": 800.0, "arm": 60.0, "finger": 25.0}
+EFFORT = {"base": 800.0, "arm": 60.0, "gripper": 25.0}
 """The strongest force (N) or torque (Nm) of a motor."""
 
 SHOULDER_RISE = 0.019
@@ -34,13 +32,16 @@ def youbot_urdf() -> str:
 
 def _slides() -> str:
     """Two sledges without a shape, so that the base moves freely in the plane."""
-    sledges = "".join(link(name, 1.0, (0.1, 0.1, 0.1)) for name in ("ground", "sledge_x", "sledge_y"))
-    return (
-        sledges
-        + joint("x", "prismatic", "ground", "sledge_x", (0, 0, 0), (1, 0, 0), (-20, 20), EFFORT["base"])
-        + joint("y", "prismatic", "sledge_x", "sledge_y", (0, 0, 0), (0, 1, 0), (-20, 20), EFFORT["base"])
-        + joint("heading", "continuous", "sledge_y", "base", (0, 0, 0), (0, 0, 1), None, EFFORT["base"])
-    )
+    sledges = [link(name, 1.0, (0.1, 0.1, 0.1)) for name in ("ground", "sledge_x", "sledge_y")]
+    ways = [
+        ("x", "prismatic", ("ground", "sledge_x"), (1, 0, 0), (-20, 20)),
+        ("y", "prismatic", ("sledge_x", "sledge_y"), (0, 1, 0), (-20, 20)),
+        ("heading", "continuous", ("sledge_y", "base"), (0, 0, 1), None),
+    ]
+    joints = [
+        joint(name, kind, *ends, (0, 0, 0), axis, limits, EFFORT["base"]) for name, kind, ends, axis, limits in ways
+    ]
+    return "".join([*sledges, *joints])
 
 
 def _base() -> str:
@@ -65,20 +66,16 @@ def _base() -> str:
 
 def _arm() -> str:
     """Five joints: one about the upright, three that lean, one about the hand."""
-    names = ["base", "arm1_link", "arm2_link", "arm3_link", "arm4_link", "hand"]
-    places = [
-        (MOUNT, 0.0, SHOULDER_HEIGHT - SHOULDER_RISE),
-        (SHOULDER_AHEAD, 0.0, SHOULDER_RISE),
-        (0.0, 0.0, UPPER),
-        (0.0, 0.0, FORE),
-        (0.0, 0.0, WRIST_TO_TURN),
+    rows = [
+        ("base", "arm1_link", (MOUNT, 0.0, SHOULDER_HEIGHT - SHOULDER_RISE), (0, 0, 1)),
+        ("arm1_link", "arm2_link", (SHOULDER_AHEAD, 0.0, SHOULDER_RISE), (0, 1, 0)),
+        ("arm2_link", "arm3_link", (0.0, 0.0, UPPER), (0, 1, 0)),
+        ("arm3_link", "arm4_link", (0.0, 0.0, FORE), (0, 1, 0)),
+        ("arm4_link", "hand", (0.0, 0.0, WRIST_TO_TURN), (0, 0, 1)),
     ]
-    axes = [(0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 1, 0), (0, 0, 1)]
     joints = [
-        joint(f"arm{number}", "revolute", *ends, place, axis, limits, EFFORT["arm"])
-        for number, (ends, place, axis, limits) in enumerate(
-            zip(itertools.pairwise(names), places, axes, LIMITS, strict=True), start=1
-        )
+        joint(f"arm{number}", "revolute", *row, limits, EFFORT["arm"])
+        for number, (row, limits) in enumerate(zip(rows, LIMITS, strict=True), start=1)
     ]
     return "".join([*_arm_links(), *joints])
 
@@ -111,6 +108,6 @@ def _gripper() -> str:
         size = (wide, thick, long)
         looks = [box(middle, size, "bright"), box((0.0, side * thick, 0.045), (0.014, 0.01, 0.05), "dark")]
         finger = link(f"{name}_link", 0.05, FINGER, looks, GRIP + solid_box(middle, size), centre=middle)
-        ends, force = (0.0, 0.03), EFFORT["finger"]
+        ends, force = (0.0, 0.03), EFFORT["gripper"]
         parts += [finger, joint(name, "prismatic", "hand", f"{name}_link", (0, 0, 0), (0, side, 0), ends, force)]
     return "".join(parts)

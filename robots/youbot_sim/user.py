@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from robots.youbot_sim.coordination import make_coordinator
 from robots.youbot_sim.delivery import ENOUGH, GIVEN, WAITING
 from robots.youbot_sim.messages import CARRY_OBJECTS, OFFER_OBJECT
 from tca_behaviours.coordination import COORDINATION_EVENT, Coordinator, MachineEvent
@@ -37,3 +38,7 @@ def _entries(reports: Iterator[CoordinationReport], state: int) -> Iterator[None
         if report.current == state != before:
             yield
         before = report.current
+
+
+if __name__ == "__main__":
+    make_module(make_coordinator()).run()

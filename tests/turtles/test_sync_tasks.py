@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from turtles.towns import Town, town
+from turtles.towns import Town, town, until_known
 
 from robots.turtle_sim.sync.environment import SyncEnvironment
 from robots.turtle_sim.sync.link import StatusLink
@@ -15,35 +15,30 @@ from tca_module import Outcome, TaskFailed
 
 
 @contextmanager
-def team() -> Iterator[tuple[Town, StatusLink]]:
-    """The town of a turtle "a", and the link of its partner "b"; there is a "c" that never comes."""
+def team() -> Iterator[tuple[Town, StatusLink, StatusLink]]:
+    """The town of a turtle "a", its link, and that of its partner "b"; there is a "c" that never comes."""
     addresses = free_team("a", "b", "c")
     with StatusLink("a", addresses, loss=0.5) as own, StatusLink("b", addresses, loss=0.5) as partner:
         with town(environment=SyncEnvironment(own), tasks=TASKS_OF_TEAMS) as there:
-            yield there, partner
-
-
-def link_of(there: Town) -> StatusLink:
-    assert isinstance(there.server.environment, SyncEnvironment)
-    return there.server.environment.link
+            yield there, own, partner
 
 
 def test_a_status_that_is_set_comes_to_the_partner() -> None:
-    with team() as (there, partner):
+    with team() as (there, _, partner):
         there.run("SetStatusSync", status=3)
-        assert partner.wait_for("a", 3, timeout=30)
+        until_known(partner, "a", 3)
 
 
 def test_wait_for_status_ends_when_the_partner_has_it() -> None:
-    with team() as (there, partner):
+    with team() as (there, own, partner):
         waiting = there.start("WaitForStatusSync", partner="b", status=2)
         waiting.follow()
         partner.set_status(1)
-        assert link_of(there).wait_for("b", 1, timeout=30)
+        until_known(own, "b", 1)
         there.central.advance(1.0)
         assert waiting.info() is not None
         partner.set_status(2)
-        assert link_of(there).wait_for("b", 2, timeout=30)
+        until_known(own, "b", 2)
         there.central.advance(0.2)
         assert waiting.wait(timeout=5) is Outcome.DONE
         said = [status.text for status in waiting.progress(TaskStatus) if status.text]
@@ -51,14 +46,14 @@ def test_wait_for_status_ends_when_the_partner_has_it() -> None:
 
 
 def test_an_unknown_partner_fails_at_once() -> None:
-    with team() as (there, _), pytest.raises(TaskFailed) as failed:
+    with team() as (there, _, _), pytest.raises(TaskFailed) as failed:
         there.run("WaitForStatusSync", partner="z", status=1)
     assert failed.value.failure == MISSION_TASK_INITIALISATION_FAILED.name
     assert "'a' has no partner 'z': its partners are b, c" in str(failed.value)
 
 
 def test_a_partner_that_never_comes_is_named_when_the_time_is_over() -> None:
-    with team() as (there, _), pytest.raises(TaskFailed) as failed:
+    with team() as (there, _, _), pytest.raises(TaskFailed) as failed:
         there.run("WaitForStatusSync", partner="c", status=1, task_timeout=5.0)
     assert failed.value.failure == MISSION_TASK_TIMEOUT.name
     assert "it ran for 5 s: waits for status 1: nothing was ever heard of 'c'" in str(failed.value)

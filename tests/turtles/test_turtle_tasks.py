@@ -8,24 +8,11 @@ from turtles.towns import town
 from robots.turtle_sim.environment import TurtleEnvironment
 from robots.turtle_sim.task_server import TASKS
 from robots.turtle_sim.world import Pen, Pose
-from tca_behaviours.missions import MISSION_TASK_TIMEOUT, Mission, MissionTaskFailed, Status, TaskServer
-from tca_module import Outcome, TaskFailed, TaskKilled
+from tca_behaviours.missions import Mission, MissionTaskFailed, Status, TaskServer
+from tca_module import Outcome, TaskKilled
 from tca_module.testing import LocalCentral
 
 COMPLETED = Status.COMPLETED | Status.TERMINATED
-
-
-def test_all_tasks_of_the_folder_are_offered() -> None:
-    with town() as there:
-        assert sorted(there.server.definitions) == [
-            "Clear",
-            "Constant",
-            "GoTo",
-            "Rotate",
-            "SetPen",
-            "Wait",
-            "WaitForROI",
-        ]
 
 
 def test_go_to_comes_to_its_goal_and_stands_still() -> None:
@@ -58,15 +45,6 @@ def test_a_go_to_that_is_stopped_stands_still() -> None:
             going.result(timeout=5)
 
 
-def test_a_go_to_that_takes_too_long_fails_and_stands_still() -> None:
-    with town() as there:
-        with pytest.raises(TaskFailed) as failed:
-            there.run("GoTo", goal_x=9.0, goal_y=5.5, task_timeout=1.0)
-        assert failed.value.failure == MISSION_TASK_TIMEOUT.name
-        there.central.advance(0.1)
-        assert there.pose.linear_velocity == 0.0
-
-
 def test_goal_and_speed_may_change_while_a_go_to_runs() -> None:
     with town() as there:
         going = there.start("GoTo", goal_x=9.0, goal_y=5.5)
@@ -76,15 +54,6 @@ def test_goal_and_speed_may_change_while_a_go_to_runs() -> None:
         assert there.pose.linear_velocity == 0.5
         there.until_over(going)
         assert math.dist(there.place, (6.5, 8.5)) < 0.11
-
-
-def test_a_newer_go_to_takes_the_place_of_an_older() -> None:
-    with town() as there:
-        first = there.start("GoTo", goal_x=9.0, goal_y=5.5)
-        there.central.advance(1.0)
-        there.run("GoTo", goal_x=5.5, goal_y=7.0)
-        assert first.wait(timeout=5) is Outcome.KILLED
-        assert math.dist(there.place, (5.5, 7.0)) < 0.11
 
 
 def test_wait_takes_its_time() -> None:

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
+from module.real_central import until
 
 from robots.turtle_sim.environment import TurtleEnvironment
 from robots.turtle_sim.simulator import Simulator
+from robots.turtle_sim.sync.link import StatusLink
 from robots.turtle_sim.task_server import TASKS
 from robots.turtle_sim.world import CENTRE, Pose, TurtleWorld
 from tca_behaviours.missions import ConditionVerified, Mission, TaskEnd, TaskServer
@@ -110,3 +112,8 @@ def bounded(there: Town, tasks: int, endless: Callable[[Mission], object]) -> Ca
             endless(mission)
 
     return carry_out
+
+
+def until_known(link: StatusLink, robot: str, status: int) -> None:
+    """Wait until a link has heard that a robot has a status."""
+    until(lambda: link.status(robot) == status, f"the status {status} of {robot}", 30.0)

@@ -2,12 +2,12 @@
 
 import importlib.util
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
 
-from robots.youbot_sim import perception, simulator
+from robots.youbot_sim import perception
 from robots.youbot_sim.messages import (
     BOX_B_FREE,
     MEASURE,
@@ -18,11 +18,11 @@ from robots.youbot_sim.messages import (
     UNKNOWN_POSE,
 )
 from robots.youbot_sim.motion import plan
-from robots.youbot_sim.moving import make_module
 from robots.youbot_sim.perception import believed
 from robots.youbot_sim.places import POSES
 from robots.youbot_sim.robot import Physics, make_robot
 from robots.youbot_sim.simulator import Lid, SimulatedRobot
+from robots.youbot_sim.stepped import running
 from robots.youbot_sim.vocabulary import Drive, JointReadings, Move, ObjectPlace
 from tca_module import Client, Outcome, Rejected, TaskFailed, connect
 from tca_module.testing import LocalCentral
@@ -34,19 +34,12 @@ NO_PHYSICS = pytest.mark.skipif(importlib.util.find_spec("pybullet") is None, re
 def robot(backend: Physics = "kinematic", lid: Lid | None = None) -> Iterator[tuple[LocalCentral, Client]]:
     """Simulator, base, arm, gripper and perception, and somebody who uses them."""
     simulated = make_robot(backend)
-    with ExitStack() as stack:
-        central = stack.enter_context(LocalCentral(stepped=True))
-        for module in (
-            simulator.make_module(SimulatedRobot(simulated, lid or Lid()), has_steps=backend == "pybullet"),
-            make_module("base", MOVE_BASE),
-            make_module("arm", MOVE_ARM),
-            make_module("gripper", MOVE_GRIPPER),
-            perception.make_module(),
-        ):
-            module.central = central
-            stack.enter_context(module.running())
-        stack.callback(simulated.close)
-        yield central, stack.enter_context(connect("user", central))
+    with (
+        closing(simulated),
+        running(SimulatedRobot(simulated, lid or Lid()), has_steps=backend == "pybullet") as central,
+        connect("user", central) as user,
+    ):
+        yield central, user
 
 
 def arm_seconds(start: str, goal: str) -> float:

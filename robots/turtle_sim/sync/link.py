@@ -20,7 +20,7 @@ class StatusLink:
     It believes whatever comes from a partner's address: on an open network let the partners talk through a tunnel.
     """
 
-    def __init__(self, name: str, team: Team, *, loss: float = 0.0, seed: int = 0) -> None:
+    def __init__(self, name: str, team: Team, *, loss: float = 0.0) -> None:
         """The robot of that name in the *team*; the others are its partners. Of the datagrams that it sends the part
         *loss* is thrown away, for trials. Raises BadTeam.
         """
@@ -29,14 +29,14 @@ class StatusLink:
         self._own = team[name]
         self._addresses = {partner: address for partner, address in team.items() if partner != name}
         self._statuses = Statuses(name, self._addresses)
-        self._loss, self._chance = loss, random.Random(f"{seed} {name}")  # noqa: S311 - a simulated loss
+        self._loss, self._chance = loss, random.Random(name)  # noqa: S311 - a simulated loss
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._serve, name=f"link of {name}", daemon=True)
         self._is_closed = False
         self.sent = self.lost = 0  #: datagrams
 
-    def open(self) -> None:
+    def __enter__(self) -> Self:
         """Begin to listen. Raises BadTeam if its address can't be had."""
         try:
             self._socket.bind(self._own)
@@ -46,48 +46,31 @@ class StatusLink:
             raise BadTeam(f"'{self._statuses.name}' can't listen at {host}:{port}: {error}") from None
         self._socket.settimeout(REPEAT)
         self._thread.start()
-
-    def close(self) -> None:
-        """Stop, and tell nobody anything more."""
-        self._is_closed = True
-        if self._thread.is_alive():
-            self._thread.join()
-        self._socket.close()
-
-    def __enter__(self) -> Self:
-        self.open()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        """Stop, and tell nobody anything more."""
+        self._is_closed = True
+        self._thread.join()
+        self._socket.close()
 
     # --- statuses --------------------------------------------------------------------------------------------------
 
     def set_status(self, status: int) -> None:
         """Change the status of this robot, and tell the partners."""
-        with self._changed:
+        with self._lock:
             self._statuses.set(status)
             self._send_due()
 
     def status(self, partner: str) -> int | None:
         """The newest that is known of a partner; None before anything was heard. Raises NoSuchPartner."""
-        with self._changed:
+        with self._lock:
             return self._statuses.status(partner)
 
     def words(self, partner: str) -> str:
         """What is known of a partner, for people. Raises NoSuchPartner."""
-        with self._changed:
+        with self._lock:
             return self._statuses.words(partner)
-
-    def wait_for(self, partner: str, status: int, timeout: float) -> bool:
-        """Wait until a partner has a status; whether it has now. Raises NoSuchPartner."""
-        with self._changed:
-            return self._changed.wait_for(lambda: self._statuses.status(partner) == status, timeout)
-
-    def wait_until_told(self, timeout: float) -> bool:
-        """Wait until every partner knows what this robot knows; whether they do now."""
-        with self._changed:
-            return self._changed.wait_for(lambda: not self._statuses.waiting_for(), timeout)
 
     # --- datagrams -------------------------------------------------------------------------------------------------
 
@@ -97,7 +80,7 @@ class StatusLink:
         while not self._is_closed:
             if time.monotonic() >= repeat_at:
                 repeat_at = time.monotonic() + REPEAT
-                with self._changed:
+                with self._lock:
                     self._send_due()
             try:
                 raw, address = self._socket.recvfrom(LARGEST + 1)
@@ -107,14 +90,13 @@ class StatusLink:
                 self._receive(partners[address], raw)
 
     def _receive(self, partner: str, raw: bytes) -> None:
-        with self._changed:
+        with self._lock:
             try:
                 answer = self._statuses.receive(partner, raw)
             except DamagedDatagram:
                 return  # as if it had been lost
             if answer is not None:
                 self._send(partner, answer)
-            self._changed.notify_all()
 
     def _send_due(self) -> None:
         for partner, datagram in self._statuses.due():

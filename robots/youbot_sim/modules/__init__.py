@@ -1,1 +1,0 @@
-"""The programs of the robot: each is a process, and none knows of another."""
