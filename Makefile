@@ -20,9 +20,7 @@ demo: $(READY)
 test: $(READY)
 	$(BIN)/python -m pytest $(AT_ONCE)
 
-# the import makes the code of its model, which is not kept, for mypy
 lint: $(READY)
-	$(BIN)/python -c "import robots.cartesian_sim"
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy .

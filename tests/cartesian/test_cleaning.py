@@ -3,10 +3,13 @@
 import itertools
 import math
 import re
+import shutil
+from pathlib import Path
 
 import pytest
 from cartesian.virtual_robot import VirtualRobot
 
+import robots
 from robots.cartesian_sim.__main__ import counted
 from robots.cartesian_sim.drawing import draw
 from robots.cartesian_sim.generated import JointTarget
@@ -14,6 +17,16 @@ from robots.cartesian_sim.guide import PATTERN
 from robots.cartesian_sim.mechanism import OVERTRAVEL, POWER_UP, Axis
 from robots.cartesian_sim.messages import WallPoint
 from tca_behaviours.activities import automatic, one_each, one_for_all
+from tca_behaviours.activities.models.reading import read_model
+from tca_behaviours.activities.models.writing import write_code
+
+
+def test_the_code_is_that_of_the_model(tmp_path: Path) -> None:
+    there = tmp_path / "robots" / "cartesian_sim"
+    shutil.copytree(Path(robots.__file__).parent / "cartesian_sim", there)
+    (tmp_path / "robots" / "__init__.py").touch()
+    said = write_code(read_model(there / "cleaning.toml"), there)
+    assert [line.partition(": ")[2] for line in said] == ["as it was"] * 2 + ["left alone"] * 3
 
 
 def test_the_show_counts_the_ticks_that_are_missing() -> None:
