@@ -166,6 +166,11 @@ class JointBase(Component[JointData], ABC):
             needs=["limits.at high"],
         )
         states["to position"].to(states["braking"], when=self.has_arrived)
+        states["braking"].to(
+            states["to position"],
+            on="move",
+            needs=["enabling.enabled", "referencing.referenced"],
+        )
         states["braking"].to(states["standing"], when=self.is_still)
 
     @abstractmethod

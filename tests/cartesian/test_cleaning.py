@@ -88,6 +88,18 @@ def test_a_joint_moves_to_positions_only_when_it_is_enabled_and_referenced() -> 
     assert robot.parts.x.position.value == pytest.approx(1.0, abs=0.001)
 
 
+def test_a_joint_that_brakes_takes_its_next_target() -> None:
+    robot = VirtualRobot()
+    robot.make_ready()
+    x = robot.parts.x
+    x.target.put(JointTarget(1.0, 0.5))
+    robot.run_until(lambda: robot.positions()[0] > 0.3)
+    x.command.put("stop")
+    robot.run_until(lambda: x.movement.is_in("braking"))
+    x.target.put(JointTarget(0.5, 0.5))
+    robot.run_until(lambda: robot.positions()[0] > 0.498 and x.movement.is_in("standing"))
+
+
 def test_a_joint_at_speed_stops_at_its_limit_and_goes_back_only() -> None:
     robot = VirtualRobot()
     robot.make_ready()
