@@ -9,11 +9,9 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from tca_tools.errors import BadUserFile
+
 _LONGEST_SHOWN = 60
-
-
-class BadUserFile(Exception):
-    """A file of the user's can't be used: which key, and what to do."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -58,14 +58,14 @@ def tasks_called(run: Run, text: str) -> list[TaskId]:
     if not found:
         if wanted.isdecimal() and (message := run.messages.get(int(wanted))):
             told = f"'tca tree --story {message.id}' tells what became of it"
-            raise NotInLog(f"{printable(str(message))} is a {message.message_class}, no task: {told}")
+            raise NotInLog(f"{message} is a {message.message_class}, no task: {told}")
         raise no_task(text, {task.name for task in run.tasks.values()}, _in_journal(run))
     return found
 
 
 def no_task(text: str, names: Collection[str], where: str = "in this journal") -> NotInLog:
     """The error that says so, with the nearest of the *names* that there are."""
-    return NotInLog(f"no task '{printable(text)}' {where}{_nearest(text, names)}")
+    return NotInLog(f"no task '{text}' {where}{_nearest(text, names)}")
 
 
 def one_task(run: Run, text: str) -> TaskId:
@@ -87,7 +87,7 @@ def one_message(run: Run, text: str) -> int:
 def _only(found: Sequence[int], text: str, what: str) -> int:
     if len(found) > 1:
         numbers = ", ".join(map(str, found[:_NAMED])) + (" ..." if len(found) > _NAMED else "")
-        raise NotInLog(f"{len(found)} {what} are called '{printable(text)}': name one by its number: {numbers}")
+        raise NotInLog(f"{len(found)} {what} are called '{text}': name one by its number: {numbers}")
     return found[0]
 
 
@@ -95,7 +95,7 @@ def check_modules(run: Run, names: Iterable[str]) -> None:
     """Raises NotInLog if a module is none of the journal's."""
     for name in names:
         if name not in run.modules:
-            raise NotInLog(f"no module '{printable(name)}' {_in_journal(run)}{_nearest(name, run.modules)}")
+            raise NotInLog(f"no module '{name}' {_in_journal(run)}{_nearest(name, run.modules)}")
 
 
 def part_of(

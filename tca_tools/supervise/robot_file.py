@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 from msgspec import Meta
 
-from tca_tools.user_toml import BadUserFile, advice, check_keys, read_table, read_toml
+from tca_tools.errors import BadUserFile
+from tca_tools.user_toml import advice, check_keys, read_table, read_toml
 from tca_wire.endpoint import VARIABLE, default_endpoint, new_journal
 
 CENTRAL = "central"

@@ -33,7 +33,8 @@ from tca_behaviours.activities.models.names import (
     file_of,
 )
 from tca_behaviours.activities.models.statecharts import check_estimate, check_region
-from tca_tools.user_toml import BadUserFile, check_known, read_table, read_toml, shown
+from tca_tools.errors import BadUserFile
+from tca_tools.user_toml import check_known, read_table, read_toml, shown
 
 
 class _File(msgspec.Struct):
