@@ -1,13 +1,13 @@
 """The life cycles that somebody means: a built-in one, those of a Python file, or that of a message of a run."""
 
 from collections.abc import Iterator
-from difflib import get_close_matches
 from pathlib import Path
 
 import click
 
 from tca_tools.errors import NotInLog
 from tca_tools.journal.journals import Log, open_log
+from tca_tools.journal.selection import nearest_to
 from tca_tools.user_file import names_of
 from tca_wire.journal.facts import FormatDefined
 from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, read_life_cycle
@@ -44,8 +44,7 @@ def _of_message(name: str, log_path: Path | None) -> LifeCycle:
     journal.check()
     fact = found.get(name)
     if fact is None:
-        near = get_close_matches(name, [*found, *BUILT_IN], 1)
-        hint = f": did you mean '{printable(near[0])}'?" if near else ""
+        hint = nearest_to(name, [*found, *BUILT_IN])
         raise NotInLog(f"no message '{name}' in the journal {journal.name}{hint}")
     if not fact.message_class.is_task:
         raise NotInLog(f"{fact.message_class} '{name}' is no task: only tasks have a life cycle")

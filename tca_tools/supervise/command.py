@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tca_tools.supervise.output import Output
-from tca_tools.supervise.robot import run_robot
+from tca_tools.supervise.robot import Running
 from tca_tools.supervise.robot_file import RUN, RobotFile, load
 from tca_tools.supervise.supervised import GaveUp
 from tca_wire.text.printable import printable
@@ -43,7 +43,7 @@ def run(context: click.Context, file: Path, only: str | None, *, check: bool) ->
     output = Output(names, sys.stdout.fileno(), in_colour=in_colour)
     output.start()
     try:
-        went_well = run_robot(robot, output)
+        went_well = Running(robot, output).run()
     except GaveUp as error:
         for line in [b"its last lines:", *error.last] if error.last else [b"it said nothing"]:
             output.put(error.name, line)

@@ -9,8 +9,8 @@ from tca_behaviours.missions.client.mission import Mission
 from tca_behaviours.missions.client.stub import MADE_BY, stub_text
 from tca_behaviours.missions.console.names import ConsoleNames
 from tca_module import MisuseError, TcaError
-from tca_tools.errors import ToolError, extra
 from tca_wire.endpoint import VARIABLE
+from tca_wire.text.missing import missing_package
 from tca_wire.text.printable import printable
 
 _PATIENCE = 2.0  # seconds that a person waits for the server
@@ -39,13 +39,15 @@ def console(server: str, central: str | None, stub: Path | None) -> None:
     except MisuseError as error:
         raise click.UsageError(printable(str(error))) from None
     except TcaError as error:
-        raise ToolError(str(error)) from None
+        raise click.ClickException(printable(str(error))) from None
 
 
 def _shell() -> Callable[[ConsoleNames], None]:
     """What reads and runs the lines; IPython is an extra."""
-    with extra("console", "tca console", package="ipython"):
+    try:
         from tca_behaviours.missions.console.shell import run_shell  # noqa: PLC0415
+    except ImportError:
+        raise click.ClickException(missing_package("tca console", "ipython", "console")) from None
     return run_shell
 
 
@@ -57,5 +59,5 @@ def _write(file: Path, text: str) -> None:
         unfinished.write_text(text)
         unfinished.replace(file)
     except OSError as error:
-        raise ToolError(f"{file}: can't be written: {error.strerror}: give another name") from None
+        raise click.ClickException(f"{file}: can't be written: {error.strerror}: give another name") from None
     click.echo(f"wrote {file}")
