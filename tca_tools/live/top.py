@@ -18,7 +18,7 @@ from tca_module.client import Client, connect
 from tca_module.errors import MisuseError, TcaError
 from tca_tools.errors import extra
 from tca_tools.live.shared import as_json, central_option, in_one_line, json_option, talking
-from tca_tools.live.top_frame import Answer, Frame, frame, plain_frame
+from tca_tools.live.top_frame import Answer, Frame, frame
 from tca_wire.endpoint import default_endpoint
 
 _NAME = "tca top"
@@ -49,7 +49,7 @@ def top(central: str | None, every: float, *, in_json: bool, once: bool) -> None
         with talking("top", central) as client:
             shown, address = frame(client.status("load"), hidden=client.name), client.address
         if in_json:
-            click.echo(as_json(plain_frame(shown)))
+            click.echo(as_json(shown))
         else:
             _screen().console().print(_screen().screen(shown, address, ""))
         return
