@@ -5,11 +5,21 @@ from contextlib import contextmanager
 
 import click
 
+from tca_wire.text.missing import missing_package
+from tca_wire.text.printable import printable
+
 
 class ToolError(click.ClickException):
     """The answer is no."""
 
-    exit_code = 1
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
+
+
+class BadUserFile(ToolError):
+    """A file that a user has written can't be used: which key or line, and what to do."""
+
+    exit_code = 2
 
 
 class DamagedLog(ToolError):
@@ -31,9 +41,9 @@ class UnusableLog(ToolError):
 
 
 @contextmanager
-def raised_as(kind: type[Exception]) -> Iterator[None]:
-    """For libraries that use a tool: its errors, as errors of their own."""
+def extra(name: str, what: str, otherwise: str = "", package: str = "") -> Iterator[None]:
+    """A context for imports that need an extra. Raises ToolError, which says what is missing and what would do."""
     try:
         yield
-    except ToolError as error:
-        raise kind(error.message) from None
+    except ImportError as error:
+        raise ToolError(missing_package(what, package or str(error.name).partition(".")[0], name, otherwise)) from None

@@ -14,7 +14,6 @@ import click
 
 from tca_tools.errors import ToolError
 from tca_wire.journal.records import SEGMENT_SUFFIX
-from tca_wire.text.printable import printable
 
 _MARK = b"made by tca"
 _TAIL = 100
@@ -35,17 +34,16 @@ def check_free(path: Path, *, begins: bytes = b"", force: bool = False) -> None:
     ours has written (an export is known by what it *begins* with; *force*: whatever it is), or a segment of a journal.
     """
     if path.suffix == SEGMENT_SUFFIX:
-        raise ToolError(f"{_named(path)}: a journal's name: give another one")
+        raise ToolError(f"{path}: a journal's name: give another one")
     with made_for(path):  # of a name that is too long it can't even be asked
         is_free, is_file = path.is_dir() or not path.exists(), path.is_file()
     if is_free:
         return
     if not is_file:
-        raise ToolError(f"{_named(path)}: neither a file nor a folder: give another name")
+        raise ToolError(f"{path}: neither a file nor a folder: give another name")
     if not force and not _is_ours(path, begins):
         raise ToolError(
-            f"{_named(path)}: exists already, and was not made by this command: give another name, or --force to write"
-            " over it"
+            f"{path}: exists already, and was not made by this command: give another name, or --force to write over it"
         )
 
 
@@ -56,10 +54,6 @@ def _is_ours(path: Path, begins: bytes) -> bool:
         size = stream.seek(0, 2)
         stream.seek(max(size - _TAIL, 0))
         return not size or _MARK in stream.read()
-
-
-def _named(path: Path) -> str:
-    return printable(str(path))
 
 
 def write_output(path: Path, content: str | bytes) -> None:

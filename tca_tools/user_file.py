@@ -9,17 +9,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-
-class CannotRun(Exception):
-    """A file of the user's can't be run: which one, where, why."""
-
+from tca_tools.errors import BadUserFile
 
 _beside: dict[str, set[str]] = {}
 """By the folder of the file that was run last: the names that had been imported before."""
 
 
 def names_of(path: Path) -> dict[str, Any]:
-    """Run a file; the names at its top level. Raises CannotRun.
+    """Run a file; the names at its top level. Raises BadUserFile.
 
     Its folder stays the first place to import from until a file in another folder is run.
     """
@@ -29,7 +26,7 @@ def names_of(path: Path) -> dict[str, Any]:
     except (Exception, SystemExit) as error:  # whatever it is, the fault is in the file
         where = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
         line = f", line {where[-1]}" if where else ""
-        raise CannotRun(f"{path}{line}: can't be run: {type(error).__name__}: {error}") from error
+        raise BadUserFile(f"{path}{line}: can't be run: {type(error).__name__}: {error}") from error
 
 
 def _look_beside(path: Path) -> None:

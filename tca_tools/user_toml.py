@@ -3,17 +3,15 @@
 import json
 import tomllib
 from collections.abc import Iterable
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
+from tca_tools.errors import BadUserFile
+from tca_wire.text.nearest import did_you_mean
+
 _LONGEST_SHOWN = 60
-
-
-class BadUserFile(Exception):
-    """A file of the user's can't be used: which key, and what to do."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -29,17 +27,23 @@ def read_toml(path: Path) -> dict[str, Any]:
 _T = TypeVar("_T", bound=msgspec.Struct)
 
 
-def read_table(kind: type[_T], place: str, given: Any) -> _T:
+def read_table(kind: type[_T], place: str, given: Any, defaults: dict[str, Any] | None = None) -> _T:
     """The table that stands at a place of the file; the type of each field of *kind* has a description. Raises
     BadUserFile.
     """
-    if not isinstance(given, dict):
-        raise BadUserFile(f"{place} must be a table: write [{place}]")
+    check_table(place, given)
+    given = {**(defaults or {}), **given}
     check_keys(kind, place, given)
     for field in msgspec.structs.fields(kind):
         if field.required and field.encode_name not in given:
             raise BadUserFile(f"{place}.{field.encode_name} is missing: add {_wanted(field)}")
     return msgspec.convert(given, kind)
+
+
+def check_table(place: str, given: Any) -> None:
+    """That a table stands at a place. Raises BadUserFile."""
+    if not isinstance(given, dict):
+        raise BadUserFile(f"{place} must be a table: write [{place}]")
 
 
 def check_keys(kind: type[msgspec.Struct], place: str, given: dict[str, Any]) -> None:
@@ -66,8 +70,8 @@ def _wanted(field: msgspec.structs.FieldInfo) -> str:
 
 def advice(name: str, known: Iterable[str]) -> str:
     """The nearest of the names that there are, or all of them."""
-    nearest = get_close_matches(name, known := sorted(known), n=1)
-    return f"did you mean '{nearest[0]}'?" if nearest else f"there are {', '.join(known) or 'none'}"
+    known = sorted(known)
+    return did_you_mean(name, known, f"there are {', '.join(known) or 'none'}")
 
 
 def check_known(place: str, what: str, name: str, known: Iterable[str]) -> None:

@@ -11,8 +11,8 @@ from dev.fuzz.choices import Choices
 from dev.fuzz.grammar import TEXTS, damaged
 from tca_behaviours.activities.models.reading import read_model
 from tca_central.shell.permissions_file import PermissionsError, read_rules, users_in
+from tca_tools.errors import BadUserFile
 from tca_tools.supervise.robot_file import load
-from tca_tools.user_toml import BadUserFile
 from tca_wire.errors import KeyRefused
 from tca_wire.keys import read_client_key
 

@@ -7,7 +7,7 @@ from typing import Any, Generic, Self, TypeVar, cast
 from tca_behaviours.statecharts.states import A, State, UnsoundMachine, chart_of
 from tca_module import MisuseError
 from tca_tools.drawing.picture_file import write_machine
-from tca_tools.errors import raised_as
+from tca_tools.errors import ToolError
 from tca_wire.charts import MachineChart, StateKind
 from tca_wire.text.printable import shortened
 
@@ -101,8 +101,10 @@ class BlockMachine(ABC, Generic[B]):
         self._states = states
 
     def _draw(self, path: str | Path, source: str) -> None:
-        with raised_as(MisuseError):
+        try:
             write_machine(Path(path), source)
+        except ToolError as error:
+            raise MisuseError(error.message) from None
 
     def _numbered(self) -> list[B]:
         """The states that the chart has, in their order."""

@@ -1,7 +1,6 @@
 """A journal held against the rules of task-level control and against properties, in one pass."""
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 
 from tca_tools.check.checker import Checker
 from tca_tools.check.judge import Judge
@@ -11,6 +10,7 @@ from tca_tools.check.world import JournalWorld
 from tca_tools.journal.fold import History
 from tca_tools.journal.journals import Log
 from tca_tools.journal.losses import Losses
+from tca_tools.journal.selection import nearest_to
 from tca_tools.properties import BadProperty, Property
 from tca_tools.properties.field_values import FieldValue
 from tca_tools.properties.predicates import OfMessages
@@ -125,9 +125,7 @@ def _unaskable(judge: Judge, error: Exception) -> BadProperty:
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
     if not name or name in known:
         return ""
-    nearest = get_close_matches(name, known, n=1)
-    advice = f": did you mean '{nearest[0]}'?" if nearest else ""
-    return f"the journal has no {kind} '{name}'{advice}"
+    return f"the journal has no {kind} '{name}'{nearest_to(name, known)}"
 
 
 def _misfit(predicate: OfMessages, world: JournalWorld) -> str:

@@ -1,15 +1,13 @@
 """``tca export``: a run as a file, or a folder of files, for other tools."""
 
 from collections.abc import Callable
-from importlib import import_module
 from itertools import count, islice
 from pathlib import Path
-from types import ModuleType
 from typing import BinaryIO, NamedTuple
 
 import click
 
-from tca_tools.errors import ToolError
+from tca_tools.errors import ToolError, extra
 from tca_tools.export.tables import TABLES, Table, write_csv
 from tca_tools.journal.fold import folded
 from tca_tools.journal.journals import Log, open_log
@@ -19,8 +17,6 @@ from tca_tools.options import force_option, log_argument
 from tca_tools.output import check_free, made_for, new_file
 from tca_wire.journal.records import SEGMENT_SUFFIX
 from tca_wire.text.bodies import json_text
-from tca_wire.text.missing import missing_package
-from tca_wire.text.printable import printable
 
 
 class ExportFormat(NamedTuple):
@@ -36,14 +32,16 @@ class ExportFormat(NamedTuple):
 
 
 def _perfetto(journal: Log, output: Path) -> None:
-    write_trace = _imported("trace.packets", "perfetto", "exports").write_trace
+    with extra("exports", "this export"):
+        from tca_tools.export.trace.packets import write_trace  # noqa: PLC0415
     run = folded(journal)
     with new_file(output) as stream:
         write_trace(run, stream)
 
 
 def _mcap(journal: Log, output: Path) -> None:
-    write_mcap = _imported("mcap_file", "mcap", "exports").write_mcap
+    with extra("exports", "this export"):
+        from tca_tools.export.mcap_file import write_mcap  # noqa: PLC0415
     number = count()
     run = folded(journal, entries=(entry for entry, _ in zip(journal, number, strict=False)))
     again = islice(Log(journal.path), next(number))  # a run that goes on has more of them by now
@@ -62,16 +60,9 @@ def _csv(journal: Log, output: Path) -> None:
 
 
 def _parquet(journal: Log, output: Path) -> None:
-    write_parquet = _imported("parquet_files", "pyarrow", "parquet").write_parquet
+    with extra("parquet", "this export"):
+        from tca_tools.export.parquet_files import write_parquet  # noqa: PLC0415
     _tables(folded(journal), output, ".parquet", write_parquet)
-
-
-def _imported(module: str, package: str, extra: str) -> ModuleType:
-    """A module that needs a package of an extra. Raises ToolError if that is not there."""
-    try:
-        return import_module(f"tca_tools.export.{module}")
-    except ImportError:
-        raise ToolError(missing_package("this export", package, extra)) from None
 
 
 def _tables(run: Run, output: Path, suffix: str, write: Callable[[Table, Run, BinaryIO], None]) -> None:
@@ -125,7 +116,7 @@ def _check_free(chosen: ExportFormat, output: Path, *, force: bool) -> None:
         check_free(output, begins=chosen.begins, force=force)
         return
     if any(output.glob(f"*{SEGMENT_SUFFIX}")):
-        raise ToolError(f"{printable(str(output))}: a journal: give another folder")
+        raise ToolError(f"{output}: a journal: give another folder")
     for table in TABLES:
         begins = chosen.begins or ",".join(table.columns).encode()
         check_free(output / f"{table.name}{chosen.tables}", begins=begins, force=force)

@@ -2,7 +2,6 @@
 
 from bisect import bisect_left
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from difflib import get_close_matches
 from itertools import islice
 from math import inf
 from operator import attrgetter
@@ -13,7 +12,7 @@ from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.records import HandlerWait, Message, Queueing, Task
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import ROOT, Moment, TaskId
-from tca_wire.text.printable import printable
+from tca_wire.text.nearest import did_you_mean
 
 _GRANTED, _START = attrgetter("granted"), attrgetter("start")
 _NAMED = 5
@@ -58,14 +57,14 @@ def tasks_called(run: Run, text: str) -> list[TaskId]:
     if not found:
         if wanted.isdecimal() and (message := run.messages.get(int(wanted))):
             told = f"'tca tree --story {message.id}' tells what became of it"
-            raise NotInLog(f"{printable(str(message))} is a {message.message_class}, no task: {told}")
+            raise NotInLog(f"{message} is a {message.message_class}, no task: {told}")
         raise no_task(text, {task.name for task in run.tasks.values()}, _in_journal(run))
     return found
 
 
 def no_task(text: str, names: Collection[str], where: str = "in this journal") -> NotInLog:
     """The error that says so, with the nearest of the *names* that there are."""
-    return NotInLog(f"no task '{printable(text)}' {where}{_nearest(text, names)}")
+    return NotInLog(f"no task '{text}' {where}{nearest_to(text, names)}")
 
 
 def one_task(run: Run, text: str) -> TaskId:
@@ -87,7 +86,7 @@ def one_message(run: Run, text: str) -> int:
 def _only(found: Sequence[int], text: str, what: str) -> int:
     if len(found) > 1:
         numbers = ", ".join(map(str, found[:_NAMED])) + (" ..." if len(found) > _NAMED else "")
-        raise NotInLog(f"{len(found)} {what} are called '{printable(text)}': name one by its number: {numbers}")
+        raise NotInLog(f"{len(found)} {what} are called '{text}': name one by its number: {numbers}")
     return found[0]
 
 
@@ -95,7 +94,7 @@ def check_modules(run: Run, names: Iterable[str]) -> None:
     """Raises NotInLog if a module is none of the journal's."""
     for name in names:
         if name not in run.modules:
-            raise NotInLog(f"no module '{printable(name)}' {_in_journal(run)}{_nearest(name, run.modules)}")
+            raise NotInLog(f"no module '{name}' {_in_journal(run)}{nearest_to(name, run.modules)}")
 
 
 def part_of(
@@ -205,6 +204,7 @@ def _in_journal(run: Run) -> str:
     return "in this journal" + ("" if run.until_time is None else f" until {run.until_time:g} s")
 
 
-def _nearest(name: str, known: Iterable[str]) -> str:
-    nearest = get_close_matches(name, list(known), n=1)
-    return f": did you mean '{printable(nearest[0])}'?" if nearest else ""
+def nearest_to(name: str, known: Iterable[str]) -> str:
+    """``: did you mean 'walk'?``, for the end of an error; "" if no name is near."""
+    advice = did_you_mean(name, known)
+    return f": {advice}" if advice else ""

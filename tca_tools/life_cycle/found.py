@@ -1,14 +1,14 @@
 """The life cycles that somebody means: a built-in one, those of a Python file, or that of a message of a run."""
 
 from collections.abc import Iterator
-from difflib import get_close_matches
 from pathlib import Path
 
 import click
 
 from tca_tools.errors import NotInLog
 from tca_tools.journal.journals import Log, open_log
-from tca_tools.user_file import CannotRun, names_of
+from tca_tools.journal.selection import nearest_to
+from tca_tools.user_file import names_of
 from tca_wire.journal.facts import FormatDefined
 from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, read_life_cycle
 from tca_wire.messages.declarations import TaskMessage
@@ -29,11 +29,7 @@ def meant(what: str, log_path: Path | None) -> list[LifeCycle]:
 def _in_file(path: Path) -> list[LifeCycle]:
     if not path.is_file():
         raise click.UsageError(f"{printable(str(path))}: there is no such file")
-    try:
-        names = names_of(path)
-    except CannotRun as error:
-        raise click.UsageError(str(error)) from None
-    values = list(names.values())
+    values = list(names_of(path).values())
     found = [value for value in values if isinstance(value, LifeCycle)]
     found += [value.life_cycle for value in values if isinstance(value, TaskMessage)]
     if not found:
@@ -48,11 +44,10 @@ def _of_message(name: str, log_path: Path | None) -> LifeCycle:
     journal.check()
     fact = found.get(name)
     if fact is None:
-        near = get_close_matches(name, [*found, *BUILT_IN], 1)
-        hint = f": did you mean '{printable(near[0])}'?" if near else ""
-        raise NotInLog(f"no message '{printable(name)}' in the journal {journal.name}{hint}")
+        hint = nearest_to(name, [*found, *BUILT_IN])
+        raise NotInLog(f"no message '{name}' in the journal {journal.name}{hint}")
     if not fact.message_class.is_task:
-        raise NotInLog(f"{fact.message_class} '{printable(name)}' is no task: only tasks have a life cycle")
+        raise NotInLog(f"{fact.message_class} '{name}' is no task: only tasks have a life cycle")
     return read_life_cycle(fact.life_cycle)
 
 

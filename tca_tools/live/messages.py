@@ -14,6 +14,7 @@ from tca_module.client import Client
 from tca_module.errors import TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.sending.replies import QUERY_TIMEOUT
 from tca_module.sending.task_ref import SentTask
+from tca_tools.errors import ToolError
 from tca_tools.live.shared import as_json, as_text, json_option, live_command, timeout_option
 from tca_wire.errors import BadData
 from tca_wire.messages.controls import ExceptionHandler
@@ -92,8 +93,9 @@ def get_variable(client: Client, variable: str, *, in_json: bool) -> None:
     try:
         value = client.get_variable(_variable(client, variable))
     except VariableNotSet:
-        msg = f"variable '{variable}' was never set: set it with 'tca set', or start the module that sets it"
-        raise click.ClickException(msg) from None
+        raise ToolError(
+            f"variable '{variable}' was never set: set it with 'tca set', or start the module that sets it"
+        ) from None
     click.echo(as_json(value) if in_json else as_text(value))
 
 
@@ -196,7 +198,7 @@ def _follow(ref: SentTask[Any], timeout: float | None, *, wait: bool, in_json: b
     except Timeout:
         if in_json:
             click.echo(as_json({"task": ref.id, "outcome": None}))
-        raise click.ClickException(f"{ref} has not ended within {timeout:g} s, and {goes_on}") from None
+        raise ToolError(f"{ref} has not ended within {timeout:g} s, and {goes_on}") from None
     except KeyboardInterrupt:
         click.echo(f"{printable(str(ref))} {goes_on}", err=True)
         raise
@@ -233,7 +235,7 @@ def _ask(
             reply = client.query(message, value, timeout=within)
         except Timeout as error:
             advice = "; to wait longer give --timeout" if error.can_wait else ""
-            raise click.ClickException(error.what + advice) from None
+            raise ToolError(error.what + advice) from None
         click.echo(show(reply))
         return
     replies = []
@@ -244,4 +246,4 @@ def _ask(
     if in_json:
         click.echo(show(replies))
     if not replies:
-        raise click.ClickException(f"nobody replied to {message.title}: see 'tca messages'")
+        raise ToolError(f"nobody replied to {message.title}: see 'tca messages'")

@@ -11,6 +11,7 @@ import msgspec
 
 from tca_module.client import Client, connect
 from tca_module.errors import MisuseError, TcaError
+from tca_tools.errors import ToolError
 from tca_wire.endpoint import VARIABLE
 from tca_wire.errors import BadData, BadFormat
 from tca_wire.messages.notices import COMMANDS
@@ -49,12 +50,13 @@ def talking(command: str, central: str | None) -> Iterator[Client]:
         with connect(f"{COMMANDS}{command}", central, patience=_PATIENCE) as client:
             yield client
     except (MisuseError, BadData, BadFormat) as error:
-        raise click.UsageError(_in_one_line(error)) from None
+        raise click.UsageError(in_one_line(error)) from None
     except TcaError as error:
-        raise click.ClickException(_in_one_line(error)) from None
+        raise ToolError(in_one_line(error)) from None
 
 
-def _in_one_line(error: Exception) -> str:
+def in_one_line(error: Exception) -> str:
+    """What an error of the library says."""
     return printable(" ".join(str(error).split()))
 
 

@@ -1,6 +1,6 @@
 """What people ask of a running task, and hear of its state: ``tca update``, ``cancel`` and ``watch``."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
 from datetime import datetime
 from typing import Any
@@ -90,15 +90,11 @@ def _changes(client: Client, what: str | None, states: tuple[str, ...], under: s
     if what is not None and what.isdecimal() and what.isascii():
         if under is not None:
             raise click.UsageError(f"task {what} is one task: leave --under out")
-        return _of_one(find_task(client, what).changes(), states)
+        return (one for one in find_task(client, what).changes() if not states or one.state in states)
     if what is not None and what not in {one.name for one in client.messages()}:
         client.declared(what)  # raises an error that names the nearest
     below = find_task(client, under) if under is not None else None
     return client.observe(what, states=states, below=below)
-
-
-def _of_one(changes: Iterable[Change], states: tuple[str, ...]) -> Iterator[Change]:
-    yield from (one for one in changes if not states or one.state in states)
 
 
 def _row(change: Change) -> dict[str, Any]:

@@ -1,5 +1,5 @@
 """What is done to a living task from outside: it is found, killed, suspended, resumed or handled again. Each of these
-says in a sentence what became of it, and raises ClickException if it came too late.
+says in a sentence what became of it, and raises ToolError if it came too late.
 """
 
 from collections.abc import Callable
@@ -9,6 +9,7 @@ import click
 from tca_module.client import Client
 from tca_module.errors import Refused
 from tca_module.sending.task_ref import TaskRef
+from tca_tools.errors import ToolError
 from tca_tools.live.shared import talking
 from tca_wire.life_cycles import read_life_cycle
 from tca_wire.points import ROOT
@@ -37,8 +38,7 @@ def cancel(client: Client, task: TaskRef, why: str = "") -> str:
     cycle, state = read_life_cycle(known.life_cycle if known else ""), task.state
     row = cycle.cancel(state)
     if row is None:
-        msg = f"{task} is '{state}', and {cycle} has no cancel from there: 'tca kill {task.id}' ends it"
-        raise click.ClickException(printable(msg))
+        raise ToolError(f"{task} is '{state}', and {cycle} has no cancel from there: 'tca kill {task.id}' ends it")
     changes = task.changes()
     if not task.take(row.name, why=why):
         raise too_late(task, "cancelled")
@@ -49,7 +49,7 @@ def cancel(client: Client, task: TaskRef, why: str = "") -> str:
     if info.killed:
         return f"{task}: {_TOLD_TO_END}"
     if last.state != row.target:
-        raise click.ClickException(printable(f"{task} goes on: {last.text or last.transition}"))
+        raise ToolError(f"{task} goes on: {last.text or last.transition}")
     return f"{task}: {last.state}; its handler decides"
 
 
@@ -90,39 +90,37 @@ _STEERS: dict[str, Callable[[Client, TaskRef, str], str]] = {
 def steer(central: str | None, epoch: str, what: str, task: int, why: str = "") -> str:
     """For a program that shows the run of that epoch: do something to one of its tasks; what became of it.
 
-    Raises ClickException if it can't be done.
+    Raises ToolError if it can't be done.
     """
     if (steers := _STEERS.get(what)) is None:
-        raise click.ClickException(f"'{what}' can't be done to a task: {listed(list(_STEERS), named=len(_STEERS))} can")
+        raise ToolError(f"'{what}' can't be done to a task: {listed(list(_STEERS), named=len(_STEERS))} can")
     with talking("view", central) as client:
         if client.status()["epoch"] != epoch:
-            msg = f"central at {client.address} runs another run than the one shown: give its address as --central"
-            raise click.ClickException(msg)
+            raise ToolError(
+                f"central at {client.address} runs another run than the one shown: give its address as --central"
+            )
         return steers(client, find_task(client, str(task)), why)
 
 
-def too_late(task: TaskRef, what: str) -> click.ClickException:
+def too_late(task: TaskRef, what: str) -> ToolError:
     """Central has done nothing: between the question and the request the task has ended."""
     is_over = task.info() is None
     state = "has ended meanwhile" if is_over else "was killed, and ends when its handler has returned"
-    return click.ClickException(f"{printable(str(task))} {state}: it can't be {what} any more")
+    return ToolError(f"{task} {state}: it can't be {what} any more")
 
 
 def find_task(client: Client, named: str) -> TaskRef:
-    """The living task that a number, or a message's name, means. Raises ClickException if it means none, or many."""
+    """The living task that a number, or a message's name, means. Raises ToolError if it means none, or many."""
     if named.isdecimal() and named.isascii():
         return _numbered(client, int(named))
     if not named or not named.isprintable():
-        msg = f"'{printable(named)}' is no task: give the number of a task, or its message's name"
-        raise click.UsageError(msg)
+        raise click.UsageError(f"'{printable(named)}' is no task: give the number of a task, or its message's name")
     found = client.tasks(named)
     if not found:
-        msg = f"no living task is called '{named}': {_living(client)}"
-        raise click.ClickException(msg)
+        raise ToolError(f"no living task is called '{named}': {_living(client)}")
     if len(found) > 1:
         numbers = listed([str(handle.id) for handle in found], named=_SHOWN)
-        msg = f"{len(found)} living tasks are called '{named}': give the number of one, {numbers}"
-        raise click.ClickException(msg)
+        raise ToolError(f"{len(found)} living tasks are called '{named}': give the number of one, {numbers}")
     return found[0]
 
 
@@ -136,14 +134,12 @@ def _living(client: Client) -> str:
 
 def _numbered(client: Client, number: int) -> TaskRef:
     if number == ROOT:
-        msg = f"task 0 is the root, which never ends: give the number of a task; {_living(client)}"
-        raise click.ClickException(msg)
+        raise ToolError(f"task 0 is the root, which never ends: give the number of a task; {_living(client)}")
     try:
         handle = client.task(number)
     except Refused as refused:
-        raise click.ClickException(f"{refused.text}: {_living(client)}") from None
+        raise ToolError(f"{refused.text}: {_living(client)}") from None
     info = handle.info() if handle is not None else None
     if handle is None or info is None or info.outcome:
-        msg = f"task {number} has ended: 'tca tree' shows how, given the journal of {client.address} as LOG"
-        raise click.ClickException(msg)
+        raise ToolError(f"task {number} has ended: 'tca tree' shows how, given the journal of {client.address} as LOG")
     return handle

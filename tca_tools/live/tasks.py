@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import click
 
 from tca_module.client import Client
+from tca_tools.errors import ToolError
 from tca_tools.live import steering
 from tca_tools.live.questions import attached_in_all, attached_to
 from tca_tools.live.shared import live_command, seconds, task_argument
@@ -149,13 +150,12 @@ class _Attached(NamedTuple):
 
 
 def _find_attached(client: Client, what: str) -> _Attached:
-    """The attachment of that number or name. Raises ClickException if that means nothing, or many."""
+    """The attachment of that number or name. Raises ToolError if that means nothing, or many."""
     known = client.status("attached")
     there, cut = _all_attached(known), attached_in_all(known)
     number = int(what) if what.isdecimal() and what.isascii() else None
     if cut and number is None:
-        msg = f"there are {cut}, and central names only the first: give a number, not a name"
-        raise click.ClickException(msg)
+        raise ToolError(f"there are {cut}, and central names only the first: give a number, not a name")
     found = [one for one in there if (one.name == what if number is None else one.number == number)]
     if len(found) == 1:
         return found[0]
@@ -166,7 +166,7 @@ def _find_attached(client: Client, what: str) -> _Attached:
     else:
         why = f"nothing called '{what}' is attached" if number is None else _not_attached(client, number)
         msg = f"{why}; " + (f"attached are {_listed(there)}" if there else "nothing at all is attached")
-    raise click.ClickException(printable(msg))
+    raise ToolError(msg)
 
 
 def _all_attached(known: dict[str, Any]) -> list[_Attached]:

@@ -16,11 +16,10 @@ import click
 
 from tca_module.client import Client, connect
 from tca_module.errors import MisuseError, TcaError
-from tca_tools.live.shared import as_json, central_option, json_option, talking
-from tca_tools.live.top_frame import Answer, Frame, frame, plain_frame
+from tca_tools.errors import extra
+from tca_tools.live.shared import as_json, central_option, in_one_line, json_option, talking
+from tca_tools.live.top_frame import Answer, Frame, frame
 from tca_wire.endpoint import default_endpoint
-from tca_wire.text.missing import missing_package
-from tca_wire.text.printable import printable
 
 _NAME = "tca top"
 _PATIENCE = 1.0
@@ -50,7 +49,7 @@ def top(central: str | None, every: float, *, in_json: bool, once: bool) -> None
         with talking("top", central) as client:
             shown, address = frame(client.status("load"), hidden=client.name), client.address
         if in_json:
-            click.echo(as_json(plain_frame(shown)))
+            click.echo(as_json(shown))
         else:
             _screen().console().print(_screen().screen(shown, address, ""))
         return
@@ -65,10 +64,8 @@ def top(central: str | None, every: float, *, in_json: bool, once: bool) -> None
 
 def _screen() -> Any:
     """How it looks; rich is an extra."""
-    try:
+    with extra("top", "tca top", "ask for --once --json"):
         from tca_tools.live import top_screen  # noqa: PLC0415
-    except ImportError:
-        raise click.ClickException(missing_package("tca top", "rich", "top", "ask for --once --json")) from None
     return top_screen
 
 
@@ -130,7 +127,7 @@ class _Central:
             now = self._client.status("load", timeout=_PATIENCE)
             name = self._client.name
         except MisuseError as error:
-            raise click.UsageError(printable(" ".join(str(error).split()))) from None
+            raise click.UsageError(in_one_line(error)) from None
         except TcaError:
             if self._client is not None:
                 self._client.close()

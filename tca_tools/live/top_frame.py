@@ -1,8 +1,8 @@
 """The contents of ``tca top`` at a moment: rates from two answers of central. Pure; knows no screen."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
-from msgspec import convert
+from msgspec import Struct, convert
 
 from tca_wire.text.measures import listed, numbered, size
 from tca_wire.text.waits_in_words import several_in_words, waiter_in_words
@@ -12,7 +12,7 @@ Answer = dict[str, Any]
 """Central's answer on its load."""
 
 
-class ResourceLine(NamedTuple):
+class ResourceLine(Struct, frozen=True):
     """A resource; rates are of the time between two answers."""
 
     module: str
@@ -34,7 +34,7 @@ class ResourceLine(NamedTuple):
     """The holder of its lock."""
 
 
-class MessageLine(NamedTuple):
+class MessageLine(Struct, frozen=True):
     """A message."""
 
     message: str
@@ -47,7 +47,7 @@ class MessageLine(NamedTuple):
     """How many wait because nobody handles it."""
 
 
-class WaitLine(NamedTuple):
+class WaitLine(Struct, frozen=True):
     """Somebody waits."""
 
     seconds: float
@@ -57,7 +57,7 @@ class WaitLine(NamedTuple):
     """The module that suspended it."""
 
 
-class Frame(NamedTuple):
+class Frame(Struct, frozen=True):
     """All that is shown at once."""
 
     epoch: str
@@ -87,12 +87,8 @@ class Frame(NamedTuple):
     """How many living tasks, the newest, may be held and were not counted."""
     memory: str
     """What fills central's memory."""
-
-    @property
-    def is_cut(self) -> bool:
-        """Whether there is more than is told."""
-        told = {"waits": len(self.waits), "held": len(self.held), "suspended": len(self.suspended)}
-        return self.not_looked_at > 0 or any(total > told[kind] for kind, total in self.totals.items())
+    is_cut: bool
+    """Whether there is more than is told."""
 
 
 def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
@@ -123,9 +119,11 @@ def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
         for one in convert(now["suspended"], list[Waiter])
     ]
     events = (now["events"] - before["events"]) / span
+    not_looked_at = now["tasks"] - now["looked_at"]
+    is_cut = not_looked_at > 0 or any(total > len(now[kind]) for kind, total in now["totals"].items())
     return Frame(
         now["epoch"], now["time"], span, events, now["tasks"], len(modules), resources, messages, waits, held,
-        suspended, now["totals"], now["tasks"] - now["looked_at"], memory_in_words(now),
+        suspended, now["totals"], not_looked_at, memory_in_words(now), is_cut,
     )  # fmt: skip
 
 
@@ -164,12 +162,3 @@ def _message(now: dict[str, Any], before: int, span: float) -> MessageLine:
     rate = max(now["delivered"] - before, 0) / span
     counts = now["delivered"], now["failed"], now["dropped"], now["waiting"]
     return MessageLine(now["message"], now["class"], rate, *counts)
-
-
-def plain_frame(shown: Frame) -> dict[str, Any]:
-    """The frame as JSON has it."""
-    plain = {
-        name: [line._asdict() for line in value] if isinstance(value, list) else value
-        for name, value in shown._asdict().items()
-    }
-    return {**plain, "is_cut": shown.is_cut}

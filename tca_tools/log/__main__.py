@@ -29,6 +29,9 @@ _LINES_AT_ONCE = 500
 BAD_NEWS = {"failed", "killed", "dropped", "refused", "module left"}
 
 
+_folder_argument = click.argument("folder", metavar="[FOLDER]", required=False, type=click.Path(path_type=Path))
+
+
 @click.group()
 def log() -> None:
     """Read the journal of a run."""
@@ -81,7 +84,7 @@ def show(
 
 
 @log.command()
-@click.argument("folder", metavar="[FOLDER]", required=False, type=click.Path(path_type=Path))
+@_folder_argument
 def runs(folder: Path | None) -> None:
     """List the runs that lie in a folder, oldest first, as they are named as LOG.
 
@@ -99,7 +102,7 @@ def runs(folder: Path | None) -> None:
 
 
 @log.command()
-@click.argument("folder", metavar="[FOLDER]", required=False, type=click.Path(path_type=Path))
+@_folder_argument
 @click.option("--keep", metavar="AGE", type=AGE, help="Remove runs that ended longer ago: 30d, 12h, 90min, 2w.")
 @click.option("--keep-bytes", metavar="SIZE", type=SIZE, help="Remove the oldest, down to this size: 500M, 10G.")
 @click.option("--dry-run", is_flag=True, help="Only say what would be removed.")
@@ -123,14 +126,13 @@ def prune(folder: Path | None, keep: float | None, keep_bytes: float | None, *, 
             remove(run, with_folder=run.folder != folder)
     gone = [run for run in found if not run.kept]
     left = sum(run.size for run in stored) - sum(run.size for run in gone)
+    verb = "would be removed" if dry_run else "removed"
     for run in [run for run in stored if run.kept]:
         ended = EndedTasks(run.files)
         until = ended.until(keep, None if keep_bytes is None else keep_bytes - (left - run.size))
         if (bytes_gone := ended.remove(until, dry_run=dry_run)) > 0:
-            verb = "would be removed" if dry_run else "removed"
             click.echo(f"{printable(run.name)}: {size(bytes_gone)} of what had ended by {until:.0f} s {verb}")
             left -= bytes_gone
-    verb = "would be removed" if dry_run else "removed"
     removed = f"{counted(len(gone), 'run')} {verb} ({size(sum(run.size for run in gone))})"
     click.echo(f"{removed}, {counted(len(stored) - len(gone), 'run')} left ({size(left)})")
 

@@ -15,7 +15,6 @@ from tca_tools.errors import ToolError, UnusableLog
 from tca_tools.journal.journals import is_closed, runs_in
 from tca_tools.journal.segments import Folder, listed, segments_in
 from tca_wire.endpoint import by_number, run_number
-from tca_wire.text.printable import printable
 
 
 class StoredRun(NamedTuple):
@@ -42,7 +41,7 @@ def stored_runs(folder: Path) -> list[StoredRun]:
         runs += _in_order(list(_runs_in(journal)))
     runs.sort(key=lambda run: run.ended)
     if not runs:
-        raise UnusableLog(f"{printable(str(folder))}: no runs lie there")
+        raise UnusableLog(f"{folder}: no runs lie there")
     crashed = next((run for run in reversed(runs) if not run.kept and not is_closed(run.files[-1])), None)
     return [run if run is not crashed else run._replace(kept="ended without a goodbye: it may go on") for run in runs]
 
@@ -95,7 +94,7 @@ def remove(run: StoredRun, *, with_folder: bool) -> None:
         for path in run.files:
             path.unlink(missing_ok=True)
     except OSError as error:
-        raise ToolError(f"{printable(str(error.filename))}: can't be removed: {error.strerror}") from None
+        raise ToolError(f"{error.filename}: can't be removed: {error.strerror}") from None
     if with_folder:
         with suppress(OSError):
             run.folder.rmdir()

@@ -25,7 +25,6 @@ from tca_wire.journal.facts import Entry, Fact, Shortened
 from tca_wire.journal.frames import payloads
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader, record
 from tca_wire.points import END_ACHIEVING
-from tca_wire.text.printable import printable
 
 INPUT_SUFFIX = ".tcai"
 _CLOCK = 7
@@ -213,7 +212,7 @@ def _reported() -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise ToolError(f"{printable(str(error.filename or 'a shorter segment'))}: {error.strerror}") from None
+        raise ToolError(f"{error.filename or 'a shorter segment'}: {error.strerror}") from None
 
 
 def _entries(path: Path) -> Iterator[tuple[Entry, int]]:

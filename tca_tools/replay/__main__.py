@@ -5,13 +5,12 @@ from pathlib import Path
 
 import click
 
-from tca_tools.errors import ToolError
+from tca_tools.errors import extra
 from tca_tools.journal.journals import open_log
 from tca_tools.options import MOMENT, log_argument
 from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.recording import Recording
 from tca_tools.terminal import line_width
-from tca_wire.text.missing import missing_package
 
 
 @click.command()
@@ -39,10 +38,8 @@ def replay(log_path: Path | None, speed: float, at: float | None, text: bool) ->
         for line in growth_lines(recording, start, line_width()):
             click.echo(line)
     else:
-        try:
+        with extra("replay", "tca replay", "use --text"):
             from tca_tools.replay.app import Replay  # noqa: PLC0415 - textual is an extra
-        except ImportError as error:
-            raise ToolError(missing_package("tca replay", str(error.name), "replay", "use --text")) from None
         Replay(recording, journal.name, speed=speed, at=at).run()
     journal.check()
 

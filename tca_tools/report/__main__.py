@@ -4,12 +4,11 @@ from pathlib import Path
 
 import click
 
-from tca_tools.errors import DamagedLog, ToolError
+from tca_tools.errors import DamagedLog, extra
 from tca_tools.journal.fold import folded
 from tca_tools.journal.journals import Log, open_log
 from tca_tools.options import check_output, force_option, log_argument, output_option
 from tca_tools.output import write_output
-from tca_wire.text.missing import missing_package
 
 
 @click.command()
@@ -22,10 +21,8 @@ def report(log_path: Path | None, output: Path, *, force: bool) -> None:
     LOG is a journal directory or one of its segments; without it, the newest run is reported.
     """
     check_output(output, (".html", ".htm"), force=force)
-    try:
+    with extra("report", "a report"):
         import jinja2  # noqa: F401, PLC0415 - an extra
-    except ImportError:
-        raise ToolError(missing_package("a report", "jinja2", "report")) from None
     journal = open_log(log_path)
     text = _page(journal)
     write_output(output, text)

@@ -82,17 +82,12 @@ def _plain(name: str, measured: Stats) -> dict[str, Any]:
         "busy_from": measured.busy_in[0],
         "busy_to": measured.busy_in[1],
         "deadlocks": measured.deadlocks,
-        "messages": [_message_row(one, seconds) for one in measured.messages],
+        "messages": [{**_row(one), "rate": one.sent / seconds if seconds else None} for one in measured.messages],
         "resources": [_row(stats) for stats in measured.resources],
     }
 
 
-def _message_row(stats: MessageStats, seconds: float) -> dict[str, Any]:
-    rate = stats.sent / seconds if seconds else None
-    return {**_row(stats, message_class="class"), "rate": rate}
-
-
-def _row(stats: MessageStats | ResourceStats, **renamed: str) -> dict[str, Any]:
+def _row(stats: MessageStats | ResourceStats) -> dict[str, Any]:
     """All fields of a message or resource."""
     row: dict[str, Any] = {}
     for name in stats.__slots__:
@@ -103,7 +98,7 @@ def _row(stats: MessageStats | ResourceStats, **renamed: str) -> dict[str, Any]:
         elif isinstance(value, Times):
             row[name] = _plain_times(value)
         else:
-            row[renamed.get(name, name)] = value
+            row["class" if name == "message_class" else name] = value
     return row
 
 

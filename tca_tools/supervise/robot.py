@@ -107,8 +107,3 @@ class Running:
     def _tell(self, text: str) -> None:
         up = sum(kept.group != 0 for kept in self._kept)
         self._output.put(RUN, f"{printable(text)} [{up} of {len(self._kept)} run]".encode(errors="replace"))
-
-
-def run_robot(robot: RobotFile, output: Output) -> bool:
-    """Run a robot to its end; whether its programs did well. Raises GaveUp."""
-    return Running(robot, output).run()

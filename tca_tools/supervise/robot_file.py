@@ -6,12 +6,13 @@ import shlex
 import shutil
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
-from tca_tools.user_toml import BadUserFile, advice, check_keys, read_table, read_toml
+from tca_tools.errors import BadUserFile
+from tca_tools.user_toml import advice, check_keys, check_table, read_table, read_toml
 from tca_wire.endpoint import VARIABLE, default_endpoint, new_journal
 
 CENTRAL = "central"
@@ -116,16 +117,14 @@ def load(path: Path) -> RobotFile:
 def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
     for name, table in tables.items():
         if name not in (CENTRAL, RUN, "modules"):
-            is_program = isinstance(table, dict) and "command" in table
-            what_to_do = (
-                f"a program stands under [modules.{name}]" if is_program else advice(name, [CENTRAL, "modules", RUN])
-            )
+            what_to_do = advice(name, [CENTRAL, "modules", RUN])
+            if isinstance(table, dict) and "command" in table:
+                what_to_do = f"a program stands under [modules.{name}]"
             raise BadUserFile(f"'{name}' is unknown: {what_to_do}")
-        if not isinstance(table, dict):
-            raise BadUserFile(f"'{name}' must be a table: write [{name}]")
+        check_table(name, table)
     common = tables.get(RUN, {})
     check_keys(Limits, RUN, common)
-    central = _table(_CentralTable, CENTRAL, common, tables.get(CENTRAL, {}))
+    central = read_table(_CentralTable, CENTRAL, tables.get(CENTRAL, {}), common)
     address = central.address or default_endpoint()
     if address.endswith(":*"):
         raise BadUserFile(f"central.address is {address}: name a port, so that modules find it")
@@ -155,9 +154,7 @@ def _copies(name: str, given: Any, common: dict[str, Any], address: str, folder:
         raise BadUserFile(
             f"{place}: choose another name, of letters, digits, '-' and '_', but not '{CENTRAL}' or '{RUN}'"
         )
-    if not isinstance(given, dict):
-        raise BadUserFile(f"{place} must be a table: write [{place}]")
-    table = _table(_ModuleTable, place, common, given)
+    table = read_table(_ModuleTable, place, given, common)
     if table.hung == "restart" and table.restart == "never":
         raise BadUserFile(f'{place}.hung is "restart", and restart is "never": leave one of them out')
     cwd = _path(folder, table.cwd)
@@ -197,11 +194,3 @@ def _environment(address: str, added: dict[str, str]) -> dict[str, str]:
     """What a program gets: our environment, our Python first, lines at once and not in blocks."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
     return {**os.environ, "PATH": path, "PYTHONUNBUFFERED": "1", VARIABLE: address, **added}
-
-
-_T = TypeVar("_T", bound=Limits)
-
-
-def _table(kind: type[_T], place: str, common: dict[str, Any], given: dict[str, Any]) -> _T:
-    check_keys(kind, place, given)
-    return read_table(kind, place, {**common, **given})

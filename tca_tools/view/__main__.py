@@ -4,12 +4,11 @@ from pathlib import Path
 
 import click
 
-from tca_tools.errors import ToolError
+from tca_tools.errors import extra
 from tca_tools.journal.journals import open_log
 from tca_tools.options import log_argument
 from tca_tools.view.door import LOCAL, listening, page_options
 from tca_wire.endpoint import VARIABLE
-from tca_wire.text.missing import missing_package
 
 
 @click.command()
@@ -25,13 +24,11 @@ def view(log_path: Path | None, port: int, host: str, central: str | None, *, re
     resume and retry its tasks. With --host the page only looks, for those who have the address. It is served until
     interrupted.
     """
-    try:
+    with extra("view", "tca view"):
         from tca_tools.view.app import application  # noqa: PLC0415 - the viewer is an extra
         from tca_tools.view.runs import Runs  # noqa: PLC0415
         from tca_tools.view.served_page import serve_page  # noqa: PLC0415
         from tca_tools.view.steering import Steering  # noqa: PLC0415
-    except ImportError as error:
-        raise ToolError(missing_package("tca view", str(error.name), "view")) from None
     log = open_log(log_path)
     log.check_beginning()
     log.tell()

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+import click
 import msgspec
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -128,7 +129,7 @@ async def _steer(runs: Runs, steering: Steering, request: Request) -> Response:
         return JSONResponse({"said": await run_in_threadpool(_steered, runs, steering, asked)})
     except NotAllowed as error:
         return JSONResponse({"error": error.message}, 403)
-    except (ToolError, msgspec.MsgspecError) as error:
+    except (click.ClickException, msgspec.MsgspecError) as error:
         return JSONResponse({"error": getattr(error, "message", None) or str(error)}, 400)
 
 

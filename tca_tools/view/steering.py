@@ -2,10 +2,8 @@
 
 from typing import Annotated
 
-import click
 import msgspec
 
-from tca_tools.errors import ToolError
 from tca_tools.live.steering import steer
 from tca_tools.view.guards import PageKey
 
@@ -29,8 +27,5 @@ class Steering:
         self.key = PageKey("tca view")
 
     def steer(self, asked: SteeringRequest, epoch: str) -> str:
-        """Do it, to a task of the run of that epoch; what became of it. Raises ToolError if it can't be done."""
-        try:
-            return steer(self._central, epoch, asked.what, asked.task, asked.why)
-        except click.ClickException as error:
-            raise ToolError(error.message) from None
+        """Do it, to a task of the run of that epoch; what became of it. Raises ClickException."""
+        return steer(self._central, epoch, asked.what, asked.task, asked.why)

@@ -12,7 +12,7 @@ from tca_behaviours.activities.components import initialise
 from tca_behaviours.activities.models.code import application, generated, skeleton
 from tca_behaviours.activities.models.dot import model_dot
 from tca_behaviours.activities.models.reading import model_of
-from tca_tools.user_toml import BadUserFile
+from tca_tools.errors import BadUserFile
 
 TABLES = tomllib.loads((Path(__file__).parent / "cleaning.toml").read_text())
 WORDS = (

@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from tca_behaviours.activities.models.command import generate
 from tca_behaviours.activities.models.dot import model_dot
 from tca_behaviours.activities.models.reading import model_of, read_model
-from tca_tools.user_toml import BadUserFile
+from tca_tools.errors import BadUserFile
 
 HERE = Path(__file__).parent
 MODEL = HERE / "cleaning.toml"

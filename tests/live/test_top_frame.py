@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from tca_tools.live.shared import as_json
-from tca_tools.live.top_frame import frame, plain_frame
+from tca_tools.live.top_frame import frame
 from tca_wire.points import Moment
 from tca_wire.waits import Waiter, WaitFor, WaitKind
 
@@ -173,15 +173,14 @@ def test_how_many_there_are_is_said_and_not_only_how_many_were_told() -> None:
     found = re.search(r"and (\d+) more", text)
     assert found
     assert text.count("step {") - 1 + int(found[1]) == 190
-    plain = plain_frame(told)
-    assert (len(plain["held"]), plain["totals"], plain["is_cut"]) == (50, totals, True)
-    assert not plain_frame(frame(answer(20.0, waits=waiting(1))))["is_cut"]
+    assert (len(told.held), told.totals, told.is_cut) == (50, totals, True)
+    assert not frame(answer(20.0, waits=waiting(1))).is_cut
 
 
 def test_among_very_many_tasks_it_is_said_which_were_counted() -> None:
     told = frame(answer(20.0, held=waiting(1)) | {"tasks": 12_000, "looked_at": 10_000})
     assert "... and no more among the 10000 oldest tasks\n" in shown(screen(told, "ipc:///here", ""))
-    assert (plain_frame(told)["not_looked_at"], plain_frame(told)["is_cut"]) == (2000, True)
+    assert (told.not_looked_at, told.is_cut) == (2000, True)
 
 
 def test_in_80_columns_nothing_that_matters_is_cut() -> None:

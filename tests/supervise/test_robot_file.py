@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from tca_tools.errors import BadUserFile
 from tca_tools.supervise.command import run
 from tca_tools.supervise.restarts import Restarts, how_it_ended
 from tca_tools.supervise.robot_file import Limits, RobotFile, load
-from tca_tools.user_toml import BadUserFile
 
 
 def loaded(folder: Path, text: str) -> RobotFile:

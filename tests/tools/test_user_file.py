@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tca_tools.user_file import CannotRun, names_of
+from tca_tools.errors import BadUserFile
+from tca_tools.user_file import names_of
 
 
 @pytest.fixture(autouse=True)
@@ -58,5 +59,5 @@ def test_what_everybody_imports_stays_one(tmp_path: Path) -> None:
 
 def test_an_error_says_where(tmp_path: Path) -> None:
     path = write(tmp_path, scenario="\nimport messages", messages="1 / 0")
-    with pytest.raises(CannotRun, match=r"scenario.py, line 2: can't be run: ZeroDivisionError: division by zero"):
+    with pytest.raises(BadUserFile, match=r"scenario.py, line 2: can't be run: ZeroDivisionError: division by zero"):
         names_of(path)

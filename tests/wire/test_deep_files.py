@@ -8,8 +8,8 @@ import pytest
 
 from tca_behaviours.activities.models.reading import read_model
 from tca_central.shell.permissions_file import PermissionsError, read_rules
+from tca_tools.errors import BadUserFile
 from tca_tools.supervise.robot_file import load
-from tca_tools.user_toml import BadUserFile
 from tca_wire.errors import KeyRefused
 from tca_wire.keys import read_client_key
 

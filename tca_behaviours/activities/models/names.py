@@ -7,7 +7,7 @@ import re
 from tca_behaviours.activities.components import Component
 from tca_behaviours.activities.models.methods import GUARD, STEP, methods
 from tca_behaviours.activities.models.model import ComponentModel
-from tca_tools.user_toml import BadUserFile
+from tca_tools.errors import BadUserFile
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 _CLASS = re.compile(r"[A-Z][A-Za-z0-9]{0,39}")

@@ -33,7 +33,8 @@ from tca_behaviours.activities.models.names import (
     file_of,
 )
 from tca_behaviours.activities.models.statecharts import check_estimate, check_region
-from tca_tools.user_toml import BadUserFile, check_known, read_table, read_toml, shown
+from tca_tools.errors import BadUserFile
+from tca_tools.user_toml import check_known, check_table, read_table, read_toml, shown
 
 
 class _File(msgspec.Struct):
@@ -96,8 +97,7 @@ def model_of(name: str, tables: dict[str, Any]) -> ApplicationModel:
 def _tables(tables: dict[str, Any]) -> _File:
     for key, table in tables.items():
         check_known("top level", "table", key, _File.__struct_fields__)
-        if not isinstance(table, dict):
-            raise BadUserFile(f"{key} must be a table: write [{key}]")
+        check_table(key, table)
     if not tables.get("components"):
         raise BadUserFile("there is no component: add a table [components.NAME]")
     return msgspec.convert(tables, _File)

@@ -6,7 +6,8 @@ from functools import cache
 from tca_behaviours.activities.components.region import Region
 from tca_behaviours.activities.models.model import RegionModel, StateModel, TransitionModel
 from tca_module import MisuseError
-from tca_tools.user_toml import BadUserFile, check_known
+from tca_tools.errors import BadUserFile
+from tca_tools.user_toml import check_known
 
 
 def check_estimate(place: str, period: float, estimate: float) -> None:

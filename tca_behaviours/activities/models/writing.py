@@ -7,7 +7,7 @@ from pathlib import Path
 from tca_behaviours.activities.models.code import MARK, application, distinct, generated, skeleton, written
 from tca_behaviours.activities.models.model import ApplicationModel, ComponentModel
 from tca_behaviours.activities.models.names import file_of
-from tca_tools.user_toml import BadUserFile
+from tca_tools.errors import BadUserFile
 
 
 def write_code(model: ApplicationModel, folder: Path) -> list[str]:

@@ -3,10 +3,9 @@
 import click
 
 from tca_behaviours.activities.page.live import LiveApplication, applications
-from tca_tools.errors import ToolError
+from tca_tools.errors import ToolError, extra
 from tca_tools.live.shared import central_option, talking
 from tca_tools.view.door import LOCAL, listening, page_options
-from tca_wire.text.missing import missing_package
 
 
 @click.command()
@@ -21,12 +20,10 @@ def activities(name: str | None, port: int, host: str, central: str | None, *, r
     printed can allocate activities, change periods and priorities, and use the application's buttons. With --host the
     page only looks, for those who have the address. It is served until interrupted.
     """
-    try:
+    with extra("view", "tca activities"):
         from tca_behaviours.activities.page.app import application  # noqa: PLC0415 - the page is an extra
         from tca_tools.view.guards import PageKey  # noqa: PLC0415
         from tca_tools.view.served_page import serve_page  # noqa: PLC0415
-    except ImportError as error:
-        raise ToolError(missing_package("tca activities", str(error.name), "view")) from None
     live = LiveApplication(_chosen(name, central), central)
     with listening(host, port) as door, live.running():
         key = PageKey("tca activities") if host == LOCAL and not read_only else None

@@ -65,6 +65,7 @@ class Event(NamedTuple):
 class Track:
     """A line of the page."""
 
+    trace: "Trace"
     uuid: int
     name: str
     parent: int
@@ -72,7 +73,45 @@ class Track:
     rank: int
     """Its place among its siblings."""
     is_counter: bool
-    events: Iterator[Event]
+    events: Iterable[Event] = ()
+
+    def begin(
+        self, span: TraceSpan, name: str, category: str, details: Details | None = None, flow: int | None = None
+    ) -> Event:
+        """The begin of a slice; *flow* is the arrow that leads to it."""
+        flows = [flow] if flow else []
+        return Event(span.start, flow is not None, self.uuid, EventKind.BEGIN, name, category, details, flows)
+
+    def instant(self, time: int, name: str, category: str, details: Details, flows: Sequence[int] = ()) -> Event:
+        """Something that takes no time; *flows* are the arrows that begin here."""
+        return Event(time, False, self.uuid, EventKind.INSTANT, name, category, details, flows)
+
+    def slices(self, spans: Iterable[tuple[TraceSpan, Event]]) -> Iterator[Event]:
+        """Slices from their begins; the spans lie within each other or apart, and are sorted, outermost first."""
+        around: list[TraceSpan] = []
+        for span, event in spans:
+            while around and around[-1].last <= span.start:
+                yield from self._end(around.pop())
+            yield event
+            around.append(span)
+        while around:
+            yield from self._end(around.pop())
+
+    def within(self, span: TraceSpan, outer: Event, *inside: Iterable[Event]) -> Iterator[Event]:
+        """A slice with what is inside it; of events of one time, those of the first come first."""
+        yield outer
+        yield from in_order(*inside)
+        yield from self._end(span)
+
+    def counter(self, spans: Iterable[TraceSpan]) -> Iterator[Event]:
+        """How many of the spans there are at a time: an event wherever that changes."""
+        for time, number in levels((span.start, span.last) for span in spans):
+            if time < inf:
+                yield Event(int(time), False, self.uuid, EventKind.COUNTER, value=number)
+
+    def _end(self, span: TraceSpan) -> Iterator[Event]:
+        if span.end is not None:
+            yield Event(span.end, False, self.uuid, EventKind.END)
 
 
 class Trace:
@@ -89,7 +128,7 @@ class Trace:
         above = parent.uuid if parent else 0
         while self._ranks.setdefault((above, name), rank) != rank:
             name += " (another)"
-        track = Track(len(self.tracks) + 1, name, above, rank, is_counter, iter(()))
+        track = Track(self, len(self.tracks) + 1, name, above, rank, is_counter)
         self.tracks.append(track)
         return track
 
@@ -103,53 +142,9 @@ class Trace:
         return heapq.merge(*(track.events for track in self.tracks))
 
 
-def begin(
-    track: Track, span: TraceSpan, name: str, category: str, details: Details | None = None, flow: int | None = None
-) -> Event:
-    """The begin of a slice; *flow* is the arrow that leads to it."""
-    flows = [flow] if flow else []
-    return Event(span.start, flow is not None, track.uuid, EventKind.BEGIN, name, category, details, flows)
-
-
-def instant(track: Track, time: int, name: str, category: str, details: Details, flows: Sequence[int] = ()) -> Event:
-    """Something that takes no time; *flows* are the arrows that begin here."""
-    return Event(time, False, track.uuid, EventKind.INSTANT, name, category, details, flows)
-
-
-def slices(track: Track, spans: Iterable[tuple[TraceSpan, Event]]) -> Iterator[Event]:
-    """Slices from their begins; the spans lie within each other or apart, and are sorted, outermost first."""
-    around: list[TraceSpan] = []
-    for span, event in spans:
-        while around and around[-1].last <= span.start:
-            yield from _end(track, around.pop())
-        yield event
-        around.append(span)
-    while around:
-        yield from _end(track, around.pop())
-
-
-def within(track: Track, span: TraceSpan, outer: Event, *inside: Iterable[Event]) -> Iterator[Event]:
-    """A slice with what is inside it; of events of one time, those of the first come first."""
-    yield outer
-    yield from in_order(*inside)
-    yield from _end(track, span)
-
-
 def in_order(*events: Iterable[Event]) -> Iterator[Event]:
     """Events of one track by time; of those of one time, the first argument's come first."""
     return heapq.merge(*events, key=itemgetter(0))
-
-
-def counter(track: Track, spans: Iterable[TraceSpan]) -> Iterator[Event]:
-    """How many of the spans there are at a time: an event wherever that changes."""
-    for time, number in levels((span.start, span.last) for span in spans):
-        if time < inf:
-            yield Event(int(time), False, track.uuid, EventKind.COUNTER, value=number)
-
-
-def _end(track: Track, span: TraceSpan) -> Iterator[Event]:
-    if span.end is not None:
-        yield Event(span.end, False, track.uuid, EventKind.END)
 
 
 def in_lanes(spans: Iterable[tuple[TraceSpan, T]]) -> list[list[tuple[TraceSpan, T]]]:

@@ -6,26 +6,15 @@ from itertools import chain, count, groupby
 from typing import Any
 
 from tca_tools.export.trace.details import of_handling, of_message, of_wait
-from tca_tools.export.trace.events import (
-    Details,
-    Event,
-    Trace,
-    TraceSpan,
-    Track,
-    begin,
-    counter,
-    in_lanes,
-    in_order,
-    instant,
-    slices,
-    within,
-)  # fmt: skip
+from tca_tools.export.trace.events import Details, Event, Trace, TraceSpan, Track, in_lanes, in_order
 from tca_tools.journal.fates import has_coped
 from tca_tools.journal.records import Claim, HandlerWait, Handling, Message, Queueing
+from tca_tools.journal.whole_run import Run
 from tca_wire.vocabulary import Outcome
 
 Sent = dict[int | str, list[Message]]
 """The messages sent by each handling (by its identity), or by each module where the handling is not known."""
+Waits = list[tuple[TraceSpan, HandlerWait]]
 
 
 def add_modules(trace: Trace) -> None:
@@ -37,12 +26,12 @@ def add_modules(trace: Trace) -> None:
     outside = [name for name in sent if isinstance(name, str)]
     for name in dict.fromkeys([*run.modules, *outside, *(module for module, _ in places)]):
         group = trace.add(name or "(no handler)")
-        group.events = _connected(trace, group)
+        group.events = _connected(group)
         resources = [resource for module, resource in places if module == name]
         ranks = count(1)
         for resource in sorted(resources, key=lambda resource: resource not in ("", name)):
-            places[name, resource].add_to(trace, group, ranks, resource or name or "messages", sent)
-        _add_outside(trace, group, next(ranks), sent.get(name, []))
+            places[name, resource].add_to(group, ranks, resource or name or "messages", sent)
+        _add_outside(group, next(ranks), sent.get(name, []))
 
 
 def _places(trace: Trace) -> "dict[tuple[str, str], _Place]":
@@ -51,14 +40,10 @@ def _places(trace: Trace) -> "dict[tuple[str, str], _Place]":
     for module in trace.run.modules.values():
         for resource in module.resources:
             places[module.name, resource]  # its row is there, if empty
-    for handling in trace.run.handlings:
-        places[handling.module, handling.resource].handlings.append(
-            (trace.span(handling.start, handling.end), handling)
-        )
-    for queueing in trace.run.queueings:
-        places[queueing.module, queueing.resource].queueings.append(
-            (trace.span(queueing.start, queueing.end), queueing)
-        )
+    for run in trace.run.handlings:
+        places[run.module, run.resource].handlings.append((trace.span(run.start, run.end), run))
+    for wait in trace.run.queueings:
+        places[wait.module, wait.resource].queueings.append((trace.span(wait.start, wait.end), wait))
     for claim in trace.run.claims.values():
         if claim.granted is not None:
             places[claim.module, claim.resource].claims.append((trace.span(claim.granted, claim.end), claim))
@@ -73,68 +58,60 @@ class _Place:
         self.queueings: list[tuple[TraceSpan, Queueing]] = []
         self.claims: list[tuple[TraceSpan, Claim]] = []
 
-    def add_to(self, trace: Trace, group: Track, ranks: Iterator[int], name: str, sent: Sent) -> None:
+    def add_to(self, group: Track, ranks: Iterator[int], name: str, sent: Sent) -> None:
         """Tracks for handlings, waits that overlap, claims, the queue and its length."""
-        rank = next(ranks)
-        further: list[tuple[TraceSpan, HandlerWait]] = []
+        trace, rank = group.trace, next(ranks)
+        further: Waits = []
         for lane in in_lanes(self.handlings):
             track = trace.add(name, group, rank)
             runs = []
             for span, handling in lane:
                 first, *others = in_lanes(_waits(trace, span, handling)) or [[]]
                 further += chain.from_iterable(others)
-                runs.append(_run(trace, track, span, handling, first, sent.get(id(handling), [])))
+                runs.append(_run(track, span, handling, first, sent.get(id(handling), [])))
             track.events = chain.from_iterable(runs)
-        _add_lanes(trace, group, next(ranks), f"further waits of {name}", further, _waiting)
-        _add_lanes(trace, group, next(ranks), f"locks of {name}", self.claims, _claimed)
+        _add_lanes(group, next(ranks), f"further waits of {name}", further, _waiting)
+        _add_lanes(group, next(ranks), f"locks of {name}", self.claims, _claimed)
         if self.queueings:
             length = trace.add(f"queue length of {name}", group, next(ranks), is_counter=True)
-            length.events = counter(length, [span for span, _ in self.queueings])
-        _add_lanes(trace, group, next(ranks), f"queue of {name}", self.queueings, _queued)
+            length.events = length.counter([span for span, _ in self.queueings])
+        _add_lanes(group, next(ranks), f"queue of {name}", self.queueings, _queued)
 
 
-Begin = Callable[[Trace, Track, TraceSpan, Any], Event]
+Begin = Callable[[Track, TraceSpan, Any], Event]
 
 
-def _add_lanes(
-    trace: Trace, group: Track, rank: int, name: str, spans: Iterable[tuple[TraceSpan, Any]], of: Begin
-) -> None:
+def _add_lanes(group: Track, rank: int, name: str, spans: Iterable[tuple[TraceSpan, Any]], of: Begin) -> None:
     """As many tracks of one name as it takes."""
     for lane in in_lanes(spans):
-        track = trace.add(name, group, rank)
-        track.events = _slices(trace, track, lane, of)
+        track = group.trace.add(name, group, rank)
+        track.events = _slices(track, lane, of)
 
 
-def _slices(trace: Trace, track: Track, spans: Iterable[tuple[TraceSpan, Any]], of: Begin) -> Iterator[Event]:
-    return slices(track, ((span, of(trace, track, span, thing)) for span, thing in spans))
+def _slices(track: Track, spans: Iterable[tuple[TraceSpan, Any]], of: Begin) -> Iterator[Event]:
+    return track.slices((span, of(track, span, thing)) for span, thing in spans)
 
 
-def _run(
-    trace: Trace,
-    track: Track,
-    span: TraceSpan,
-    handling: Handling,
-    waits: list[tuple[TraceSpan, HandlerWait]],
-    sent: list[Message],
-) -> Iterator[Event]:
+def _run(track: Track, span: TraceSpan, handling: Handling, waits: Waits, sent: list[Message]) -> Iterator[Event]:
     """A handling with its waits, what it sent, and its failure."""
-    flow = _flow(trace.run.messages.get(handling.message_id), handling.delivery)
-    outer = begin(track, span, handling.name, "handling", of_handling(trace.run, handling), flow)
+    run = track.trace.run
+    flow = _flow(run.messages.get(handling.message_id), handling.delivery)
+    outer = track.begin(span, handling.name, "handling", of_handling(run, handling), flow)
     failed = []
     if handling.outcome is Outcome.FAILED and span.end is not None:
-        failed = [instant(track, span.end, "failed", "failure", _failure(trace, handling))]
-    yield from within(track, span, outer, _sending(trace, track, sent), failed, _slices(trace, track, waits, _waiting))
+        failed = [track.instant(span.end, "failed", "failure", _failure(run, handling))]
+    yield from track.within(span, outer, _sending(track, sent), failed, _slices(track, waits, _waiting))
 
 
-def _failure(trace: Trace, handling: Handling) -> Details:
+def _failure(run: Run, handling: Handling) -> Details:
     """The failure that was raised when a handling ended."""
-    message = trace.run.messages.get(handling.message_id)
+    message = run.messages.get(handling.message_id)
     end = handling.until
     failure = message.was("failure", end) if message and message.written("failure", end) == end else None
-    return {"failure": failure, "handled": has_coped(trace.run, handling)}
+    return {"failure": failure, "handled": has_coped(run, handling)}
 
 
-def _waits(trace: Trace, around: TraceSpan, handling: Handling) -> list[tuple[TraceSpan, HandlerWait]]:
+def _waits(trace: Trace, around: TraceSpan, handling: Handling) -> Waits:
     """The waits of a handler, none longer than itself."""
     spans = [(trace.span(wait.start, wait.end), wait) for wait in handling.waits]
     if around.end is None:
@@ -150,45 +127,46 @@ def _flow(message: Message | None, delivery: int = 0) -> int:
     return 0 if message is None else delivery if message.message_class.fans_out else message.id
 
 
-def _sending(trace: Trace, track: Track, messages: Iterable[Message]) -> Iterator[Event]:
+def _sending(track: Track, messages: Iterable[Message]) -> Iterator[Event]:
     """Where messages were sent; those of one moment are one event."""
-    for time, group in groupby(messages, key=lambda message: trace.nanoseconds(message.received)):
+    for time, group in groupby(messages, key=lambda message: track.trace.nanoseconds(message.received)):
         sent = list(group)
         flows = [flow for one in sent for flow in dict.fromkeys(_flow(one, run.delivery) for run in one.handlings)]
         flows += [one.id for one in sent if one.queueings and not one.handlings]
         what = sent[0].name if len(sent) == 1 else f"{len(sent)} messages"
-        details = of_message(trace.run, sent[0]) if len(sent) == 1 else {"messages": [str(one) for one in sent]}
-        yield instant(track, time, f"sends {what}", "sent", details, flows)
+        details = of_message(track.trace.run, sent[0]) if len(sent) == 1 else {"messages": [str(one) for one in sent]}
+        yield track.instant(time, f"sends {what}", "sent", details, flows)
 
 
-def _add_outside(trace: Trace, group: Track, rank: int, sent: list[Message]) -> None:
+def _add_outside(group: Track, rank: int, sent: list[Message]) -> None:
     """Add the waits and messages of a module while none of its handlers ran."""
+    trace = group.trace
     module = trace.run.modules.get(group.name)
     waits = [(trace.span(wait.start, wait.end), wait) for wait in module.waits] if module else []
     for lane in in_lanes(waits) or ([[]] if sent else []):
         track = trace.add("outside of handlers" if module else "sent", group, rank)
-        track.events = in_order(_sending(trace, track, sent), _slices(trace, track, lane, _waiting))
+        track.events = in_order(_sending(track, sent), _slices(track, lane, _waiting))
         sent = []
 
 
-def _connected(trace: Trace, group: Track) -> Iterator[Event]:
+def _connected(group: Track) -> Iterator[Event]:
     """From when until when a module was connected, on the line of its group."""
-    module = trace.run.modules.get(group.name)
-    spans = [trace.span(start, end) for start, end in module.joined] if module else []
-    return slices(group, [(span, begin(group, span, "connected", "module")) for span in spans])
+    module = group.trace.run.modules.get(group.name)
+    spans = [group.trace.span(start, end) for start, end in module.joined] if module else []
+    return group.slices((span, group.begin(span, "connected", "module")) for span in spans)
 
 
-def _waiting(trace: Trace, track: Track, span: TraceSpan, wait: HandlerWait) -> Event:
-    what = "a lock" if wait.awaited in trace.run.claims else trace.run.name(wait.awaited)
-    return begin(track, span, f"waits for {what}", "waiting", of_wait(trace.run, wait))
+def _waiting(track: Track, span: TraceSpan, wait: HandlerWait) -> Event:
+    run = track.trace.run
+    what = "a lock" if wait.awaited in run.claims else run.name(wait.awaited)
+    return track.begin(span, f"waits for {what}", "waiting", of_wait(run, wait))
 
 
-def _queued(trace: Trace, track: Track, span: TraceSpan, queueing: Queueing) -> Event:
-    message = trace.run.messages.get(queueing.message_id)
-    details = {"id": queueing.message_id}
-    return begin(track, span, trace.run.name(queueing.message_id), "queued", details, _flow(message))
+def _queued(track: Track, span: TraceSpan, queueing: Queueing) -> Event:
+    run, number = track.trace.run, queueing.message_id
+    return track.begin(span, run.name(number), "queued", {"id": number}, _flow(run.messages.get(number)))
 
 
-def _claimed(_trace: Trace, track: Track, span: TraceSpan, claim: Claim) -> Event:
+def _claimed(track: Track, span: TraceSpan, claim: Claim) -> Event:
     name = f"{'reserved' if claim.is_reserved else 'locked'} by {claim.sender}"
-    return begin(track, span, name, "lock", {"id": claim.id, "ended": claim.ended or None})
+    return track.begin(span, name, "lock", {"id": claim.id, "ended": claim.ended or None})

@@ -10,7 +10,7 @@ from perfetto.protos.perfetto.trace.perfetto_trace_pb2 import TracePacket
 from perfetto.trace_builder.proto_builder import StreamingTraceProtoBuilder
 
 from tca_tools.export.nanoseconds import since_1970
-from tca_tools.export.trace.events import Event, EventKind, Trace, Track, instant
+from tca_tools.export.trace.events import Event, EventKind, Trace, Track
 from tca_tools.export.trace.modules import add_modules
 from tca_tools.export.trace.tasks import add_task_tree
 from tca_tools.journal.whole_run import Run
@@ -35,7 +35,7 @@ def write_trace(run: Run, stream: BinaryIO) -> None:
     if run.is_live and run.times:  # what has not ended lasts until the trace ends
         track = trace.add("run", rank=1)
         now = max(trace.nanoseconds(run.time), trace.nanoseconds(run.times[-1]))
-        track.events = iter([instant(track, now, "still running", "run", {"last entry": run.times[-1]})])
+        track.events = iter([track.instant(now, "still running", "run", {"last entry": run.times[-1]})])
     writer = _Writer(stream)
     if run.began is not None:
         writer.clocks(since_1970(run))

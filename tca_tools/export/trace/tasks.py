@@ -8,18 +8,7 @@ from math import inf
 from operator import itemgetter
 
 from tca_tools.export.trace.details import of_task
-from tca_tools.export.trace.events import (
-    Details,
-    Event,
-    Trace,
-    TraceSpan,
-    Track,
-    begin,
-    in_lanes,
-    instant,
-    slices,
-    within,
-)
+from tca_tools.export.trace.events import Details, Event, Trace, TraceSpan, Track, in_lanes
 from tca_tools.journal.fates import went_on
 from tca_tools.journal.records import Task
 from tca_wire.points import Moment
@@ -42,28 +31,29 @@ def add_task_tree(trace: Trace) -> None:
         name = f"depth {depth}" + (" and deeper" if depth == _DEEPEST else "")
         for lane in in_lanes(levels[depth]):
             track = trace.add(name, group, depth)
-            track.events = chain.from_iterable(starmap(partial(_task, trace, track), lane))
+            track.events = chain.from_iterable(starmap(partial(_task, track), lane))
 
 
-def _task(trace: Trace, track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
-    outer = begin(track, span, task.name, "task", of_task(trace.run, task))
-    return within(track, span, outer, _moments(trace, track, span, task), _states(trace, track, span, task))
+def _task(track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
+    outer = track.begin(span, task.name, "task", of_task(track.trace.run, task))
+    return track.within(span, outer, _moments(track, span, task), _states(track, span, task))
 
 
-def _states(trace: Trace, track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
+def _states(track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
     """The states that it was in until its end."""
-    stages: list[tuple[float, str]] = [(trace.nanoseconds(time), str(state)) for time, state in task.states]
+    stages: list[tuple[float, str]] = [(track.trace.nanoseconds(time), str(state)) for time, state in task.states]
     found = []
     for (start, state), (after, _) in pairwise([*stages, (span.last, "")]):
         end = min(after, span.last)
         if start < end:
             stage = TraceSpan(int(start), None if end == inf else int(end))
-            found.append((stage, begin(track, stage, state, "state")))
-    return slices(track, found)
+            found.append((stage, track.begin(stage, state, "state")))
+    return track.slices(found)
 
 
-def _moments(trace: Trace, track: Track, span: TraceSpan, task: Task) -> list[Event]:
+def _moments(track: Track, span: TraceSpan, task: Task) -> list[Event]:
     """Its failures and kills, and what was asked of it and told of it while it went on."""
+    trace = track.trace
     news: list[tuple[float, str, str, Details]] = [
         (time, "failed", "failure", {"failure": text, "handled": went_on(trace.run, task, time)})
         for time, text in task.became("failure")
@@ -78,6 +68,6 @@ def _moments(trace: Trace, track: Track, span: TraceSpan, task: Task) -> list[Ev
         details: Details = {"state": one.state, "by": one.module or str(one.by), "why": one.text or None}
         news.append((one.time, one.transition, "change", details | {"data": plain_data(one.body)}))
     return [
-        instant(track, int(min(trace.nanoseconds(time), span.last)), name, category, details)
+        track.instant(int(min(trace.nanoseconds(time), span.last)), name, category, details)
         for time, name, category, details in sorted(news, key=itemgetter(0))
     ]
