@@ -211,7 +211,7 @@ def test_a_task_that_went_well_takes_little_room() -> None:
         move = story.at(float(number)).command("move", "user")
         story.queued(move, "legs").delivered(move, "legs").reached(move, *Moment).returned(move)
     tracemalloc.start()
-    history = History.until(story.entries, with_turns=False)
+    history = History.until(story.entries)
     size, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(history.tasks) == many
