@@ -49,7 +49,7 @@ class Reading:
         self.cut = ""
         """The remark on a last entry that is not whole."""
         self._worked_out: tuple[tuple[int, float], dict[object, Any]] | None = None
-        """The number of entries until the moment that was looked at last, that moment, and what was worked out of it."""
+        """The number of entries until the moment that was looked at last, that moment, and results for it."""
         self._grown = threading.Condition()
         self._is_written = False
         """Whether a central had the journal open before what was read last."""
