@@ -256,7 +256,7 @@ def test_what_is_not_explored_is_named(handler: Any, words: str) -> None:
 
 
 def test_a_monitor_is_handled_by_central() -> None:
-    with pytest.raises(tca.ScenarioError, match="central carries it out, handle its parts"):
+    with pytest.raises(tca.ScenarioError, match="central carries it out"):
         tca.Scenario("bad").module("eye").handles(BATTERY)
 
 

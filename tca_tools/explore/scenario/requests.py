@@ -5,8 +5,9 @@ from typing import Any
 
 import msgspec
 
+from tca_module import checks
 from tca_tools.explore.errors import ScenarioError
-from tca_tools.explore.scenario.argument_checks import checked_name, nearest
+from tca_tools.explore.scenario.argument_checks import check, nearest
 from tca_tools.properties.predicates import NamedPredicate
 from tca_tools.properties.world import Predicate
 from tca_wire.constraints import Constraint
@@ -162,7 +163,7 @@ def accepted(call: str, by: str = "") -> Predicate:
     if call not in CALLS:
         raise ScenarioError(f"accepted() knows no call {call!r:.60}; {nearest(str(call), CALLS)}")
     if by:
-        checked_name(by, "a module")
+        check("accepted()", checks.NAME, by=by)
     return _Accepted(call, by)
 
 

@@ -7,11 +7,13 @@ import msgspec
 
 from tca_central.core import Central
 from tca_central.loading import is_compiled
+from tca_module import checks
 from tca_tools.explore.errors import CentralFault, ExplorerError, ScenarioError
 from tca_tools.explore.observed.world import World, breach_in_words
 from tca_tools.explore.play.play import Action, Play, Waiting, carried, outcome, waiting
 from tca_tools.explore.play.words import unfinished
-from tca_tools.explore.scenario.argument_checks import checked_number, nearest
+from tca_tools.explore.scenario.argument_checks import check as check_argument
+from tca_tools.explore.scenario.argument_checks import nearest
 from tca_tools.explore.scenario.scenario import Scenario, checked_properties
 from tca_tools.explore.scenario.worker_thread import check_wanted, in_worker_thread
 from tca_tools.explore.search import circles
@@ -53,7 +55,7 @@ def explore(
         )
     if not isinstance(scenario, Scenario):
         raise ScenarioError(f"explore() takes a Scenario, and {scenario!r:.60} is none")
-    checked_number(limit, "explore(limit=...)", least=1)
+    check_argument("explore()", checks.COUNT, limit=limit)
     judged = (*scenario.properties, *checked_properties(properties))
     _check_module_names(scenario, judged)
     detail = Detail()
