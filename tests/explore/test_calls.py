@@ -245,7 +245,7 @@ def decides_for_ever(task: tca.Task) -> None:
         (waits_for_many, r"multi_query\(timeout=...\) is not explored"),
         (awaits, "await is not explored"),
         (swallows, r"handlers\(\) and status\(\) is not explored"),
-        (is_async, "is no plain function"),
+        (is_async, "make it a plain function"),
         (sends_the_wrong_data, "variable 'pace' wants data of type int"),
         (decides_for_ever, "decides 100 times without sending or asking anything"),
     ],
