@@ -1,7 +1,6 @@
 """A journal held against the rules of task-level control and against properties, in one pass."""
 
 from collections.abc import Callable, Iterable
-from difflib import get_close_matches
 from functools import partial
 
 from tca_tools.check.checker import Checker
@@ -14,6 +13,7 @@ from tca_tools.journal.journals import Log
 from tca_tools.properties import BadProperty, Property
 from tca_tools.properties.field_values import FieldValue
 from tca_tools.properties.predicates import OfMessages
+from tca_wire.text.nearest import did_you_mean
 
 
 class CheckedRun(Checker):
@@ -104,9 +104,7 @@ class CheckedRun(Checker):
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
     if not name or name in known:
         return ""
-    nearest = get_close_matches(name, known, n=1)
-    advice = f": did you mean '{nearest[0]}'?" if nearest else ""
-    return f"the journal has no {kind} '{name}'{advice}"
+    return f"the journal has no {kind} '{name}'{did_you_mean(name, known, ': ')}"
 
 
 def _misfit(predicate: OfMessages, world: JournalWorld) -> str:

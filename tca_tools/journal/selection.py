@@ -2,7 +2,6 @@
 
 from bisect import bisect_left
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from difflib import get_close_matches
 from itertools import islice
 from math import inf
 from operator import attrgetter
@@ -13,6 +12,7 @@ from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.records import HandlerWait, Message, Queueing, Task
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import ROOT, Moment, TaskId
+from tca_wire.text.nearest import did_you_mean
 from tca_wire.text.printable import printable
 
 _GRANTED, _START = attrgetter("granted"), attrgetter("start")
@@ -65,7 +65,7 @@ def tasks_called(run: Run, text: str) -> list[TaskId]:
 
 def no_task(text: str, names: Collection[str], where: str = "in this journal") -> NotInLog:
     """The error that says so, with the nearest of the *names* that there are."""
-    return NotInLog(f"no task '{printable(text)}' {where}{_nearest(text, names)}")
+    return NotInLog(f"no task '{printable(text)}' {where}{did_you_mean(text, names, ': ')}")
 
 
 def one_task(run: Run, text: str) -> TaskId:
@@ -95,7 +95,7 @@ def check_modules(run: Run, names: Iterable[str]) -> None:
     """Raises NotInLog if a module is none of the journal's."""
     for name in names:
         if name not in run.modules:
-            raise NotInLog(f"no module '{printable(name)}' {_in_journal(run)}{_nearest(name, run.modules)}")
+            raise NotInLog(f"no module '{printable(name)}' {_in_journal(run)}{did_you_mean(name, run.modules, ': ')}")
 
 
 def part_of(
@@ -203,8 +203,3 @@ def _time_at(run: Run, clock: float | None, default: float) -> float:
 
 def _in_journal(run: Run) -> str:
     return "in this journal" + ("" if run.until_time is None else f" until {run.until_time:g} s")
-
-
-def _nearest(name: str, known: Iterable[str]) -> str:
-    nearest = get_close_matches(name, list(known), n=1)
-    return f": did you mean '{printable(nearest[0])}'?" if nearest else ""

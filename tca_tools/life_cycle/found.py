@@ -1,7 +1,6 @@
 """The life cycles that somebody means: a built-in one, those of a Python file, or that of a message of a run."""
 
 from collections.abc import Iterator
-from difflib import get_close_matches
 from pathlib import Path
 
 import click
@@ -12,6 +11,7 @@ from tca_tools.user_file import CannotRun, names_of
 from tca_wire.journal.facts import FormatDefined
 from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, read_life_cycle
 from tca_wire.messages.declarations import TaskMessage
+from tca_wire.text.nearest import did_you_mean
 from tca_wire.text.printable import printable
 
 BUILT_IN = {one.name: one for one in (GENERAL, BASIC)}
@@ -48,8 +48,7 @@ def _of_message(name: str, log_path: Path | None) -> LifeCycle:
     journal.check()
     fact = found.get(name)
     if fact is None:
-        near = get_close_matches(name, [*found, *BUILT_IN], 1)
-        hint = f": did you mean '{printable(near[0])}'?" if near else ""
+        hint = did_you_mean(name, [*found, *BUILT_IN], ": ")
         raise NotInLog(f"no message '{printable(name)}' in the journal {journal.name}{hint}")
     if not fact.message_class.is_task:
         raise NotInLog(f"{fact.message_class} '{printable(name)}' is no task: only tasks have a life cycle")

@@ -7,7 +7,6 @@ FIELD, VALUE   of its data: see field_values.py
 """
 
 from collections.abc import Callable, Sequence
-from difflib import get_close_matches
 from typing import Any, Protocol
 
 from msgspec import UNSET
@@ -15,6 +14,7 @@ from msgspec import UNSET
 from tca_tools.properties.field_values import split_data, unquoted
 from tca_tools.properties.world import BadProperty, MessageView
 from tca_wire.messages.declarations import Message
+from tca_wire.text.nearest import did_you_mean
 
 ANYTHING = "anything"
 
@@ -182,8 +182,7 @@ def _state_and_name(text: str) -> tuple[str, str]:
     if text in STATES:
         raise BadProperty(f"'{text}' names no message: write '{text} of MESSAGE', or '{text} of {ANYTHING}'")
     said = text.partition(" of ")[0] if " of " in text else text.rsplit(" ", maxsplit=1)[-1]
-    nearest = get_close_matches(said, STATES, n=1)
-    advice = f"did you mean '{nearest[0]}'?" if nearest else f"states are {', '.join(STATES)}"
+    advice = did_you_mean(said, STATES) or f"states are {', '.join(STATES)}"
     raise BadProperty(f"'{text}' names no state of a message ('STATE of MESSAGE'): {advice}")
 
 

@@ -11,8 +11,9 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 from msgspec import Meta
 
-from tca_tools.user_toml import BadUserFile, advice, check_keys, read_table, read_toml
+from tca_tools.user_toml import BadUserFile, check_keys, read_table, read_toml
 from tca_wire.endpoint import VARIABLE, default_endpoint, new_journal
+from tca_wire.text.nearest import nearest_or_all
 
 CENTRAL = "central"
 RUN = "run"
@@ -100,7 +101,7 @@ class RobotFile(msgspec.Struct, frozen=True):
         known = {program.name.partition(".")[0] for program in self.programs}
         for name in names:
             if name not in known:
-                raise BadUserFile(f"--only {name}: {advice(name, sorted(known))}")
+                raise BadUserFile(f"--only {name}: {nearest_or_all(name, known)}")
         return RobotFile(self.address, [one for one in self.programs if one.name.partition(".")[0] in names])
 
 
@@ -117,9 +118,8 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
     for name, table in tables.items():
         if name not in (CENTRAL, RUN, "modules"):
             is_program = isinstance(table, dict) and "command" in table
-            what_to_do = (
-                f"a program stands under [modules.{name}]" if is_program else advice(name, [CENTRAL, "modules", RUN])
-            )
+            others = nearest_or_all(name, [CENTRAL, "modules", RUN])
+            what_to_do = f"a program stands under [modules.{name}]" if is_program else others
             raise BadUserFile(f"'{name}' is unknown: {what_to_do}")
         if not isinstance(table, dict):
             raise BadUserFile(f"'{name}' must be a table: write [{name}]")

@@ -9,7 +9,6 @@ import binascii
 import json
 import re
 from collections.abc import Callable, Sequence
-from difflib import get_close_matches
 from typing import Any
 
 import msgspec
@@ -17,6 +16,7 @@ import msgspec
 from tca_wire.errors import BadData
 from tca_wire.messages.formats import Format, brief
 from tca_wire.messages.schemas import TEXT_FORMATS
+from tca_wire.text.nearest import did_you_mean
 
 _BOUNDS: dict[str, tuple[Callable[[Any, Any], bool], str]] = {
     "minimum": (lambda value, bound: value >= bound, "at least {}"),
@@ -363,6 +363,5 @@ def _field(path: str, name: str) -> str:
 
 
 def _advice(name: str, known: list[str]) -> str:
-    if nearest := get_close_matches(name, known, n=1):
-        return f"did you mean '{nearest[0]}'?"
-    return f"the fields are {', '.join(known)}" if known else "there are no fields"
+    every = f"the fields are {', '.join(known)}" if known else "there are no fields"
+    return did_you_mean(name, known) or every

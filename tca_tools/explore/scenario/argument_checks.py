@@ -1,8 +1,7 @@
 """Checks of a scenario's arguments where users write them, after the module library's: with a ScenarioError."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from difflib import get_close_matches
 from typing import Any
 
 from tca_module import checks
@@ -23,9 +22,3 @@ def check(call: str, kind: checks.ArgumentKind, **values: Any) -> None:
     """Raise ScenarioError for the first of these named values that is of another kind."""
     with as_scenario_error():
         checks.check(call, kind, **values)
-
-
-def nearest(name: str, known: Collection[str]) -> str:
-    """The names that somebody may have meant, for the end of a message."""
-    near = ", ".join(f"'{one}'" for one in get_close_matches(name, sorted(known)))
-    return f"did you mean {near}?" if near else f"there are {', '.join(map(repr, sorted(known))) or 'none'}"
