@@ -9,8 +9,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import click
 
-class CannotRun(Exception):
+
+class CannotRun(click.UsageError):
     """A file of the user's can't be run: which one, where, why."""
 
 

@@ -10,7 +10,7 @@ from tca_tools.check.report import head_lines, verdict_lines, violation_lines
 from tca_tools.journal.fold import History
 from tca_tools.journal.journals import Log, open_log
 from tca_tools.properties import BadProperty, Property, property_from
-from tca_tools.user_file import CannotRun, names_of
+from tca_tools.user_file import names_of
 
 
 @click.command()
@@ -80,14 +80,12 @@ def _sorted(paths: tuple[Path, ...]) -> tuple[Log, list[Path]]:
 
 def _properties_in(path: Path) -> list[Property]:
     """The properties at the top level of a Python file: alone, in lists, in scenarios, or as texts in PROPERTIES."""
+    names = names_of(path)
     try:
-        names = names_of(path)
         found = [one for value in names.values() for one in _found_in(value)]
         texts = names.get("PROPERTIES")
         if isinstance(texts, list | tuple):
             found += [property_from(one) for one in texts if isinstance(one, str)]
-    except CannotRun as error:
-        raise click.UsageError(str(error)) from None
     except BadProperty as error:
         raise click.UsageError(f"{path}: {error}") from None
     found = list(dict.fromkeys(found))  # one may stand alone and in a list

@@ -11,7 +11,7 @@ from tca_tools.explore.errors import ScenarioError
 from tca_tools.explore.scenario.scenario import Scenario
 from tca_tools.explore.search.exploration import LIMIT, explore
 from tca_tools.explore.search.transcript import report
-from tca_tools.user_file import CannotRun, names_of
+from tca_tools.user_file import names_of
 
 
 @click.command("explore")
@@ -57,11 +57,7 @@ def _progress(title: str) -> Iterator[Callable[[int, int], None] | None]:
 
 
 def _scenarios(path: Path) -> list[Scenario]:
-    try:
-        names = names_of(path)
-    except CannotRun as error:
-        raise click.UsageError(str(error)) from None
-    found = [value for value in names.values() if isinstance(value, Scenario)]
+    found = [value for value in names_of(path).values() if isinstance(value, Scenario)]
     if not found:
         raise click.UsageError(f"{path} has no scenario: make a tca_tools.explore.Scenario at its top level")
     return found

@@ -7,7 +7,7 @@ import click
 
 from tca_tools.errors import NotInLog
 from tca_tools.journal.journals import Log, open_log
-from tca_tools.user_file import CannotRun, names_of
+from tca_tools.user_file import names_of
 from tca_wire.journal.facts import FormatDefined
 from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, read_life_cycle
 from tca_wire.messages.declarations import TaskMessage
@@ -29,11 +29,7 @@ def meant(what: str, log_path: Path | None) -> list[LifeCycle]:
 def _in_file(path: Path) -> list[LifeCycle]:
     if not path.is_file():
         raise click.UsageError(f"{printable(str(path))}: there is no such file")
-    try:
-        names = names_of(path)
-    except CannotRun as error:
-        raise click.UsageError(str(error)) from None
-    values = list(names.values())
+    values = list(names_of(path).values())
     found = [value for value in values if isinstance(value, LifeCycle)]
     found += [value.life_cycle for value in values if isinstance(value, TaskMessage)]
     if not found:
