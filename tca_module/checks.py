@@ -132,7 +132,8 @@ MAXIMUM = COUNT.or_none(" for any number")
 HUNG = one_of("'wait' or 'replace'", ("wait", "replace"))
 CAPACITY = _whole("1 to 256", 1, 256)
 PENDING = _whole(f"1 to {MOST_PENDING:,}", 1, MOST_PENDING).or_none()
-PLAN_AHEAD = _whole("0 or more", 0).or_none(" for any number")
+AMOUNT = _whole("0 or more", 0)
+PLAN_AHEAD = AMOUNT.or_none(" for any number")
 PRIORITY = _whole(
     f"a whole number from {-HIGHEST_PRIORITY:,} to {HIGHEST_PRIORITY:,}", -HIGHEST_PRIORITY, HIGHEST_PRIORITY
 )

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from tca_tools.errors import BadUserFile
-from tca_wire.text.nearest import did_you_mean
+from tca_wire.text.nearest import nearest_or_all
 
 _LONGEST_SHOWN = 60
 
@@ -51,7 +51,7 @@ def check_keys(kind: type[msgspec.Struct], place: str, given: dict[str, Any]) ->
     fields = {field.encode_name: field for field in msgspec.structs.fields(kind)}
     for key, value in given.items():
         if key not in fields:
-            raise BadUserFile(f"{place}.{key} is unknown: {advice(key, fields)}")
+            raise BadUserFile(f"{place}.{key} is unknown: {nearest_or_all(key, fields)}")
         try:
             msgspec.convert(value, fields[key].type)
         except msgspec.ValidationError:
@@ -68,13 +68,7 @@ def _wanted(field: msgspec.structs.FieldInfo) -> str:
     return str(meta.description)
 
 
-def advice(name: str, known: Iterable[str]) -> str:
-    """The nearest of the names that there are, or all of them."""
-    known = sorted(known)
-    return did_you_mean(name, known, f"there are {', '.join(known) or 'none'}")
-
-
 def check_known(place: str, what: str, name: str, known: Iterable[str]) -> None:
     """That a name is one of those that there are. Raises BadUserFile."""
     if name not in known:
-        raise BadUserFile(f"{place}: {what} '{name}' is unknown: {advice(name, known)}")
+        raise BadUserFile(f"{place}: {what} '{name}' is unknown: {nearest_or_all(name, known)}")

@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from difflib import get_close_matches
 from functools import cached_property
 from typing import Any, Literal, TypeVar, overload
 
@@ -32,6 +31,7 @@ from tca_wire.messages.declarations import (
 )
 from tca_wire.packets import headers
 from tca_wire.points import ROOT, TaskId
+from tca_wire.text.nearest import did_you_mean
 from tca_wire.text.plain_data import PlainFormat
 
 X = TypeVar("X")
@@ -236,8 +236,7 @@ class CentralServices:
         check("declared()", checks.TEXT, name=name)
         known = {message.name: message for message in self._messages()}
         if (found := known.get(name)) is None:
-            nearest = get_close_matches(name, known, n=1)
-            advice = f"did you mean '{nearest[0]}'?" if nearest else "see 'tca messages', and start who declares it"
+            advice = did_you_mean(name, known) or "see 'tca messages', and start who declares it"
             raise NotDeclared(f"nobody has declared a message '{name}': {advice}")
         kind: type[Any] | None = _KINDS.get(found.message_class)
         if kind is None:

@@ -57,7 +57,7 @@ def check(
         raise click.UsageError(f"property '{stated}': {wrong}")
     found = sorted(run.violations, key=lambda violation: violation.place)
     for line in (
-        *head_lines(run.checker, journal),
+        *head_lines(run, journal),
         *verdict_lines(found, run.unbroken, misnamed, is_whole=run.is_whole),
         *violation_lines(found, journal, everything=everything),
     ):

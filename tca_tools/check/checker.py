@@ -1,7 +1,5 @@
 """Checks a journal against the rules, entry by entry, at a bounded cost for each fact."""
 
-from collections.abc import Callable
-
 from tca_tools.check import presence
 from tca_tools.check.events import end_event, take_fact
 from tca_tools.check.rules import CLOCK, Violation
@@ -13,11 +11,10 @@ from tca_wire.journal import facts
 class Checker:
     """The check of one journal. Give it every entry, then ``close`` it."""
 
-    def __init__(self, follow: Callable[[JournalWorld], None] = lambda _: None) -> None:
+    def __init__(self, history: History | None = None) -> None:
         self.violations: list[Violation] = []
-        self._follow = follow  #: is called when an event is known with all its facts
         self.world = JournalWorld(self.violations, is_whole=False)
-        self.history: History | None = None  #: is folded along, for properties that ask for all records
+        self.history = history  #: is folded along, for properties that ask for all records
         self.events = 0
         self.facts = 0
         self.gaps: list[str] = []  #: the missing parts, in words
@@ -28,6 +25,14 @@ class Checker:
         self.began = 0.0
         self._shortened = -1.0  #: what had ended by then was removed
         self.first = self.last = 0  #: numbers of entries
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all of the run could be read: else what is not broken is not known to hold."""
+        return not self.gaps
+
+    def _follow(self, world: JournalWorld) -> None:
+        """An event is known with all its facts."""
 
     def take(self, entry: facts.Entry) -> None:
         """The next entry. Several of one number are one event."""

@@ -122,9 +122,8 @@ def _must_pass_over(world: JournalWorld, task: MessageRecord, fact: facts.Unhand
     return bool(fact.undecided)
 
 
-def reissued(world: JournalWorld, handler: MessageRecord, fact: facts.Reissued) -> None:
+def reissued(world: JournalWorld, handler: MessageRecord, _: facts.Reissued) -> None:
     """An exception handler could not deal with its failure."""
-    del fact
     _must_deal(world, handler, "reissued")
     had_decided, handler.is_void, handler.returned = handler.is_void, True, True
     if handler.parent is not None:
@@ -133,9 +132,8 @@ def reissued(world: JournalWorld, handler: MessageRecord, fact: facts.Reissued) 
             search(world, handler.parent, handler.id)
 
 
-def resolved(world: JournalWorld, handler: MessageRecord, fact: facts.Resolved) -> None:
+def resolved(world: JournalWorld, handler: MessageRecord, _: facts.Resolved) -> None:
     """An exception handler says that it has dealt with its failure."""
-    del fact
     _must_deal(world, handler, "resolved")
     handler.has_resolved = True
 
@@ -170,9 +168,8 @@ def _check_recovered(world: JournalWorld, failing: MessageRecord) -> None:
     failing.ended_handlers = ()
 
 
-def recovered(world: JournalWorld, task: MessageRecord, fact: facts.Recovered) -> None:
+def recovered(world: JournalWorld, task: MessageRecord, _: facts.Recovered) -> None:
     """A failure has been dealt with. The task may have ended with its exception handler."""
-    del fact
     check_recovered(world, task)
     if not task.ended_handlers and not task.is_stranger:
         world.broken(RECOVERED, task, "recovered, and no exception handler of it has ended")
@@ -224,9 +221,8 @@ def removed(world: JournalWorld, fact: facts.Removed) -> None:
 # --- kills, suspension and retries -----------------------------------------------------------------------------------
 
 
-def killed(world: JournalWorld, item: MessageRecord, fact: facts.Killed) -> None:
+def killed(world: JournalWorld, item: MessageRecord, _: facts.Killed) -> None:
     """A task is killed."""
-    del fact
     if item.is_killed:
         world.broken(KILLED, item, "was killed a second time")
     if any(after <= 0 for after in item.searches):

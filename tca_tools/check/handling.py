@@ -39,9 +39,8 @@ def _moved(world: JournalWorld, fact: facts.Queued | facts.Delivered, what: str)
     return item
 
 
-def unqueued(world: JournalWorld, item: MessageRecord, fact: facts.Unqueued) -> None:
+def unqueued(world: JournalWorld, item: MessageRecord, _: facts.Unqueued) -> None:
     """A message leaves its queue, and no handler gets it."""
-    del fact
     if item.waits_at is None:
         if item.place is None and not item.is_stranger:
             world.broken(rules.QUEUED, item, "left a queue in which it was not")
@@ -221,9 +220,8 @@ def dropped(world: JournalWorld, fact: facts.Dropped) -> None:
 # --- answers ---------------------------------------------------------------------------------------------------------
 
 
-def answered(world: JournalWorld, item: MessageRecord, fact: facts.Answered) -> None:
+def answered(world: JournalWorld, item: MessageRecord, _: facts.Answered) -> None:
     """The sender of a query gets its answer."""
-    del fact
     if item.is_answered:
         world.broken(rules.ANSWERED, item, "was answered a second time")
     if item.is_dropped:
@@ -234,9 +232,8 @@ def answered(world: JournalWorld, item: MessageRecord, fact: facts.Answered) -> 
     world.finish(item)
 
 
-def awaited(world: JournalWorld, item: MessageRecord, fact: facts.Awaited) -> None:
+def awaited(world: JournalWorld, item: MessageRecord, _: facts.Awaited) -> None:
     """The sender of a query begins to wait; the answer must still be to come."""
-    del fact
     if item.is_answered or item.is_dropped:
         world.broken(rules.ANSWERED, item, "was waited for after its sender had got an answer, or given up")
 

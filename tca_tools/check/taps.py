@@ -134,9 +134,8 @@ def check_watchers(world: JournalWorld, item: MessageRecord) -> None:
             world.broken(KEPT, child, f"still watches, and {item} waits for nothing else")
 
 
-def tested(world: JournalWorld, item: MessageRecord, fact: facts.MonitorTested) -> None:
+def tested(world: JournalWorld, item: MessageRecord, _: facts.MonitorTested) -> None:
     """The condition of a monitor was asked."""
-    del fact
     if not item.reached & START_HANDLING:
         world.broken(MONITOR, item, "was tested, and had not begun to watch")
     if item.returned and not item.again:
@@ -161,9 +160,8 @@ def _check_tested(world: JournalWorld, item: MessageRecord) -> None:
     item.untested = 0
 
 
-def monitor_ended(world: JournalWorld, item: MessageRecord, fact: facts.MonitorEnded) -> None:
+def monitor_ended(world: JournalWorld, item: MessageRecord, _: facts.MonitorEnded) -> None:
     """A monitor ends; one that has not begun never will begin."""
-    del fact
     if item.returned and not (item.again or item.is_killed):
         world.broken(MONITOR, item, "ended a second time")
     item.again, item.returned, item.asked = False, True, 0

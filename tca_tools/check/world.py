@@ -196,7 +196,7 @@ class JournalWorld:
 
     def item(self, number: int, what: str) -> MessageRecord | None:
         """The message under way of that number, to which *what* happens; None, with a complaint if it can't."""
-        item = self.items.get(number) or self.deliveries.get(number)
+        item = self.known(number)
         if item is not None:
             self.touched[item] = None
             return item

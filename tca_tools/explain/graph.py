@@ -18,8 +18,8 @@ from tca_tools.explain.keepers import Keepers, ahead_of_claim, kept_out, kept_si
 from tca_tools.explain.moments import is_to_be_handled_again, moments_before, next_moment
 from tca_tools.explain.overlapping import children_within
 from tca_tools.explain.wait import Node, Wait, lasting, node_of
-from tca_tools.explain.waits import OF_ORDER, begun_at, is_of_state, kept_by, of_handler_wait, of_message, own_waits
-from tca_tools.journal.at_time import RunAt
+from tca_tools.explain.waits import begun_at, is_of_state, kept_by, of_handler_wait, of_message, own_waits
+from tca_tools.journal.at_time import RunAt, remembered
 from tca_tools.journal.fates import watches
 from tca_tools.journal.records import (
     OVER,
@@ -38,7 +38,6 @@ from tca_tools.journal.whole_run import Run
 from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_HANDLING
 from tca_wire.waits import NAMED, WaitKind
 
-_OF_POINTS = OF_ORDER | {WaitKind.RECOVERY, WaitKind.LOCK, WaitKind.RESUME}
 _KEPT = (WaitKind.RESOURCE, WaitKind.LOCK)
 """Waits for a resource that others keep busy."""
 
@@ -54,49 +53,27 @@ class _Kept(NamedTuple):
     waits: list[Wait]
     """Those for what is no subtask."""
     subtasks: list[Node]
-    nodes: list[Node]
-    """Nodes that surely have to come about first."""
-    leaves: list[WaitKind]
-    others: list[Wait]
-    """Waits whose further nodes are to be looked up at each moment."""
 
 
-_NOTHING = _Kept([], [], [], [], [])
+_NOTHING = _Kept([], [])
 
 
-class _Turn(NamedTuple):
-    """A message between two of its turns, when nothing changes that it waits for. So walks through all that waits cost
-    what has changed.
-    """
-
-    number: float
-    """See ``Run.turn``."""
-    next: Node
-    """The node that comes next."""
-    waits: list[Wait]
-    """The waits for it, except for children."""
-    kept: dict[Node, _Kept]
+@remembered
+def _waits_of(at: RunAt, number: int) -> list[Wait]:
+    """The waits of a message, whatever they keep it from, except for children."""
+    message, time = at.run.messages[number], at.moment
+    waits = list(of_message(at.run, message, time))
+    if isinstance(message, Task):
+        own = own_waits(at.run, message, time, time)
+        waits[:0] = (one for one in own if one.start <= time < one.end)
+    return waits
 
 
-def _turn(run: Run, message: Message, time: float) -> _Turn:
-    number = run.turn(message.id, time)
-    known: _Turn | None = run.memo.get(message.id)
-    if known is None or known.number != number:
-        waits, following = list(of_message(run, message, time)), Node(message.id)
-        if isinstance(message, Task):
-            own = own_waits(run, message, time, time)
-            waits[:0] = (one for one in own if one.start <= time < one.end)
-            following = _next(message, time)
-        known = run.memo[message.id] = _Turn(number, following, waits, {})
-    return known
-
-
+@remembered
 def next_node(at: RunAt, number: int) -> Node:
     """The next node of a task, message or claim."""
     task = at.run.tasks.get(number)
-    if task is None or task.received > at.moment:
-        return Node(number)
-    return _turn(at.run, task, at.moment).next
+    return Node(number) if task is None or task.received > at.moment else _next(task, at.moment)
 
 
 def _next(task: Task, time: float) -> Node:
@@ -119,29 +96,13 @@ def _subtask(run: Run, node: Node, others: Sequence[float] = ()) -> Wait:
     return Wait(child.received, end, WaitKind.SUBTASK, node, moment, others=others)
 
 
+@remembered
 def _kept(at: RunAt, node: Node) -> _Kept:
     """What keeps a node from coming about; nothing of a claim, and of what is unknown."""
-    run, moment = at.run, at.moment
-    message = run.messages.get(node.number)
-    if message is None or message.received > moment:
+    message = at.run.messages.get(node.number)
+    if message is None or message.received > at.moment:
         return _NOTHING
-    turn = _turn(run, message, moment)
-    if (kept := turn.kept.get(node)) is None:
-        waits, subtasks = _look(run, message, node, turn.waits, moment)
-        nodes: dict[Node, None] = {}
-        leaves: dict[WaitKind, None] = {}
-        others: list[Wait] = []
-        for wait in waits:
-            if wait.is_leaf:
-                leaves[wait.kind] = None
-            elif wait.kind in _OF_POINTS:
-                nodes[wait.on] = None
-            else:
-                others.append(wait)
-        nodes.update(dict.fromkeys(subtasks))
-        kept = _Kept(waits, subtasks, list(nodes), list(leaves), others)
-        turn.kept[node] = kept
-    return kept
+    return _Kept(*_look(at.run, message, node, _waits_of(at, node.number), at.moment))
 
 
 def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float) -> tuple[list[Wait], list[Node]]:
@@ -216,15 +177,14 @@ def _nodes(at: RunAt, by: Keepers) -> list[Node]:
     return [node_of(at.run, one) for one in free or by.runs]
 
 
+@remembered
 def steps(at: RunAt, node: Node) -> tuple[list[Node], list[WaitKind]]:
     """All that has to come about before a node does; and the kinds of its waits that are leaves."""
     kept = _kept(at, node)
     if kept is _NOTHING and (claim := at.run.claims.get(node.number)) is not None:
         return _of_claim(at, claim)
-    if not kept.others:
-        return kept.nodes, kept.leaves
-    more = [node for wait in kept.others for node in further(at, wait)]
-    return list(dict.fromkeys(kept.nodes + more)), kept.leaves
+    nodes = [one for wait in kept.waits for one in further(at, wait)] + kept.subtasks
+    return list(dict.fromkeys(nodes)), list(dict.fromkeys(wait.kind for wait in kept.waits if wait.is_leaf))
 
 
 def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:

@@ -39,7 +39,7 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
     if asked.task is not None and story:
         raise click.UsageError("--task and --story exclude each other: ask for one of them")
     journal = open_log(asked.log_path)
-    history = folded(journal, asked.at, with_turns=story is not None)
+    history = folded(journal, asked.at)
     check_span(asked.start, history.time if asked.end is None else asked.end)
     with no_garbage():
         drawing = chart(history, asked.start, asked.end, _picked(history, asked, story))

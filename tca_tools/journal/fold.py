@@ -69,10 +69,9 @@ class History(ReactionFold):
         self._offered: dict[tuple[str, str], Offer] = {}
 
     @classmethod
-    def until(cls, entries: Iterable[facts.Entry], time: float | None = None, *, with_turns: bool = True) -> "History":
+    def until(cls, entries: Iterable[facts.Entry], time: float | None = None) -> "History":
         """The history as known at *time* (None: at the end); later entries are not even read."""
         history = cls()
-        history.turns = history.turns if with_turns else None
         with no_garbage():
             for entry in entries:
                 if time is not None and entry.time > time:
@@ -106,10 +105,7 @@ class History(ReactionFold):
         for task in self._touched.values():
             if task.enter(task.state, self.time):
                 self.news.append(task)
-        if self.turns is not None:
-            self.turns.add(self.time, self._turned)
         self._touched.clear()
-        self._turned.clear()
 
     def _tick(self, entry: facts.Entry, asker: Handling | str) -> None:
         """Each entry has a time of its own, however fast they follow each other: a time is a place in the journal."""
@@ -232,7 +228,7 @@ class History(ReactionFold):
         if queueing := self._queued.pop(delivery, None):
             queueing.end = self.time if end is None else end
             self.news.append(queueing)
-            self._touch(queueing.message_id, queueing.end)
+            self._touch(queueing.message_id)
         return queueing
 
     def _deliver(self, fact: facts.Delivered) -> None:
@@ -266,7 +262,7 @@ class History(ReactionFold):
         if message:
             self._begin_anew(message)
             message.handlings = added(message.handlings, handling)
-            self._touch(message.id, start)
+            self._touch(message.id)
             if isinstance(message, Task):
                 self._work_on(message, handling)
 
@@ -314,7 +310,7 @@ class History(ReactionFold):
         if handling.end is None:
             handling.end = min(self.time, max(ended, handling.start)) if ended else self.time
             self.news.append(handling)
-            self._touch(handling.message_id, handling.end)
+            self._touch(handling.message_id)
         for wait in handling.waits[-1:]:
             self._stop_waiting(wait)
 
@@ -326,7 +322,6 @@ class History(ReactionFold):
         for place in PLACES_OF[fact.moments & ALL_MOMENTS]:
             if times[place] == inf:
                 times[place] = self.time
-        self._turn_others(task, fact.moments)
         if fact.moments & END_ACHIEVING:
             self._end_suspension(task)
             self._end_recovery(task)
@@ -360,8 +355,6 @@ class History(ReactionFold):
             self._could_not_decide(fact.task)
             self._end_suspension(task)
             self._unqueue(fact.task)
-            if task.message_class.is_aside:  # no constraint keeps it any more
-                self._turn_above(task)
 
     def _drop(self, fact: facts.Dropped) -> None:
         self._unqueue(fact.id)
@@ -445,14 +438,11 @@ class History(ReactionFold):
 _TAKE = takers(History, ReactionFold)
 
 
-def folded(
-    journal: Log, time: float | None = None, entries: Iterable[facts.Entry] | None = None, *, with_turns: bool = False
-) -> History:
+def folded(journal: Log, time: float | None = None, entries: Iterable[facts.Entry] | None = None) -> History:
     """The history as known at *time* (seconds on the run's clock; None: at the end, or now if the run goes on).
 
-    *entries* are those of the journal, if somebody wants to see them on the way. *with_turns*: it is going to be asked
-    for many moments what was waited for. Raises UnusableLog if there are none.
+    *entries* are those of the journal, if somebody wants to see them on the way. Raises UnusableLog if there are none.
     """
-    history = History.until(journal if entries is None else entries, time, with_turns=with_turns)
+    history = History.until(journal if entries is None else entries, time)
     history.go_on(journal.present(history.time), time)
     return history

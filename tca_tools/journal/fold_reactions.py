@@ -86,8 +86,6 @@ class ReactionFold(RecordFold):
             task.retries = added(task.retries, Retry(self.time, fact.by, is_other, runs, sent, self.asker))
             self._change(task, "body", fact.body or task.body)
             self._change(task, "watched", "")
-            if self.asker:  # until whose end it waits
-                self._followers.setdefault(TaskId(self.asker.message_id), []).append(task)
 
     def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
         if fact.task > 0:

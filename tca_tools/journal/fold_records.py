@@ -20,11 +20,8 @@ from tca_tools.journal.records import (
     added,
 )
 from tca_tools.journal.whole_run import UNKNOWN, Run
-from tca_wire.points import END_ACHIEVING, END_PLANNING, ROOT, START_ACHIEVING, START_HANDLING, START_PLANNING, TaskId
+from tca_wire.points import ROOT, START_HANDLING, TaskId
 from tca_wire.vocabulary import MessageClass
-
-_STARTS, _ENDS = START_PLANNING | START_ACHIEVING, END_PLANNING | END_ACHIEVING
-"""The moments that what is under a task waits for, and those of it that its parent waits for."""
 
 
 class RecordFold(Run):
@@ -36,10 +33,6 @@ class RecordFold(Run):
         """The records that the newest entry changed; a task only if its state changed, or it got a constraint."""
         self._touched: dict[int, Task] = {}
         """The tasks whose state may have changed with the newest entry."""
-        self._turned: dict[int, Message] = {}
-        """All of which something may have changed that they wait for."""
-        self._followers: dict[int, list[Task]] = {}
-        """By task those that a constraint keeps waiting for one of its moments."""
         self._ever_suspended: set[TaskId] = set()
         """The top-level tasks under which something was suspended."""
         self.asker: Handling | None = None
@@ -54,50 +47,18 @@ class RecordFold(Run):
         """A task that something happens to; one sent before the journal begins gets a record under the root."""
         if task not in self.tasks:
             self._plant(Task(task, UNKNOWN, MessageClass.GOAL, "", 0, self.time))
-        self._turned[task] = found = self._touched[task] = self.tasks[task]
+        found = self._touched[task] = self.tasks[task]
         return found
 
-    def _touch(self, message_id: int, time: float | None = None) -> None:
-        """Look at a task's state again when all facts of the event are known, and at what a message waits for: from
-        then on, or already from a *time* on that central was told of later.
-        """
+    def _touch(self, message_id: int) -> None:
+        """Look at a task's state again when all facts of the event are known."""
         if (task := self.tasks.get(message_id)) is not None:
-            self._turned[message_id] = self._touched[message_id] = task
-        elif (message := self.messages.get(message_id)) is not None:
-            self._turned[message_id] = message
-            if time is not None and time < self.time and self.turns is not None:
-                self.turns.add_early(time, message_id)
+            self._touched[message_id] = task
 
     def _hold(self, task: Task, hold: Hold) -> None:
         """A constraint keeps a task waiting."""
         task.holds = added(task.holds, hold)
         self.news.append(task)
-        self._turned[task.id] = task
-        self._turn_above(task)
-        if self.turns is not None:
-            self._followers.setdefault(hold.constraint.before.task, []).append(task)
-
-    def _turn_others(self, task: Task, moments: int) -> None:
-        """Those that may have waited for moments of a task: its followers, its parent, what is under it."""
-        if self.turns is None:
-            return
-        take = self._followers.pop if moments & END_ACHIEVING else self._followers.get
-        for one in take(task.id, ()):
-            self._turned[one.id] = one
-            if one.message_class.is_aside:  # its parent may wait for it no longer
-                self._turn_above(one)
-        if moments & _ENDS:
-            self._turn_above(task)
-        if moments & _STARTS:
-            for child in task.children:
-                self._turned[child] = self.tasks[child]
-
-    def _turn_above(self, task: Task) -> None:
-        """What is above a task: of a monitor its parent, too, which waits for what it has sent."""
-        above = self.tasks.get(task.parent) if self.turns is not None else None
-        while above is not None:
-            self._turned[above.id] = above
-            above = self.tasks.get(above.parent) if above.message_class.is_aside else None
 
     def _begin_anew(self, message: Message) -> None:
         """It is about to be handled. A task that goes on, since its failure was dealt with or, where nobody handled it,
@@ -124,12 +85,11 @@ class RecordFold(Run):
 
     def _plant(self, task: Task) -> None:
         """Put a new task into the tree."""
-        self.messages[task.id] = self.tasks[task.id] = self._touched[task.id] = self._turned[task.id] = task
+        self.messages[task.id] = self.tasks[task.id] = self._touched[task.id] = task
         self.births.append(self.time)
         if task.parent != ROOT and 0 < task.parent < task.id:
             parent = self._task(task.parent)
             parent.children = added(parent.children, TaskId(task.id))
-            self._turn_above(task)
             task.top = parent.top
             if parent.suspension and not task.role.leaves_safe:
                 above = parent.suspension

@@ -64,7 +64,7 @@ def tasks_called(run: Run, text: str) -> list[TaskId]:
 
 def no_task(text: str, names: Collection[str], where: str = "in this journal") -> NotInLog:
     """The error that says so, with the nearest of the *names* that there are."""
-    return NotInLog(f"no task '{text}' {where}{nearest_to(text, names)}")
+    return NotInLog(f"no task '{text}' {where}{did_you_mean(text, names, ': ')}")
 
 
 def one_task(run: Run, text: str) -> TaskId:
@@ -94,7 +94,7 @@ def check_modules(run: Run, names: Iterable[str]) -> None:
     """Raises NotInLog if a module is none of the journal's."""
     for name in names:
         if name not in run.modules:
-            raise NotInLog(f"no module '{name}' {_in_journal(run)}{nearest_to(name, run.modules)}")
+            raise NotInLog(f"no module '{name}' {_in_journal(run)}{did_you_mean(name, run.modules, ': ')}")
 
 
 def part_of(
@@ -202,9 +202,3 @@ def _time_at(run: Run, clock: float | None, default: float) -> float:
 
 def _in_journal(run: Run) -> str:
     return "in this journal" + ("" if run.until_time is None else f" until {run.until_time:g} s")
-
-
-def nearest_to(name: str, known: Iterable[str]) -> str:
-    """``: did you mean 'walk'?``, for the end of an error; "" if no name is near."""
-    advice = did_you_mean(name, known)
-    return f": {advice}" if advice else ""

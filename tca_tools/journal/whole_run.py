@@ -1,8 +1,8 @@
 """All records of a run, as far as they are known. fold.py fills it; at_time.py asks it what was known when."""
 
 from array import array
-from bisect import bisect_left, bisect_right, insort
-from collections.abc import Iterable, Iterator, Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Sequence
 from math import inf
 from typing import Any
 
@@ -31,45 +31,10 @@ UNKNOWN = "?"
 """The name of what was sent before the journal's first entry."""
 
 
-class TurnTimes:
-    """When something may have changed of what each message waits for. Few ask: they are put in order when one does."""
-
-    def __init__(self) -> None:
-        self._times, self._ends, self._numbers = array("d"), array("Q"), array("Q")
-        self._early: list[tuple[int, float]] = []
-        self._ordered: dict[int, list[float]] = {}
-        self._done = 0
-
-    def add(self, time: float, numbers: Iterable[int]) -> None:
-        """Something may have changed at a time that these messages wait for."""
-        self._numbers.extend(numbers)
-        self._times.append(time)
-        self._ends.append(len(self._numbers))
-
-    def add_early(self, time: float, number: int) -> None:
-        """The same of one message, before other changes that are known already."""
-        self._early.append((number, time))
-
-    def of(self, message: int) -> list[float]:
-        """Those of a message, oldest first."""
-        known, begin = self._ordered, self._ends[self._done - 1] if self._done else 0
-        for end, time in zip(self._ends[self._done :], self._times[self._done :], strict=True):
-            for number in self._numbers[begin:end]:
-                known.setdefault(number, []).append(time)
-            begin = end
-        self._done = len(self._ends)
-        for number, time in self._early:
-            insort(known.setdefault(number, []), time)
-        self._early.clear()
-        return known.get(message, [])
-
-
 class Reactions:
     """The failures, wiretaps, monitors and deadlines known beside the tasks themselves."""
 
     def __init__(self) -> None:
-        self.turns: TurnTimes | None = TurnTimes()
-        """None: nobody is going to ask for many moments what was waited for, and to note that takes time and room."""
         self.taps: dict[int, facts.TapAdded] = {}
         self.attached: dict[int, facts.Attached] = {}
         self.reissued: dict[int, float] = {}
@@ -144,13 +109,6 @@ class Run(Reactions):
         """For each message its class and formats, as first declared."""
         self.memo: dict[object, Any] = {}
         """Results that others have worked out of the records; they check themselves whether these still hold."""
-
-    def turn(self, message: int, time: float) -> float:
-        """A number that is another one when something may have changed of what a message waits for."""
-        if self.turns is None:
-            return time
-        turns = self.turns.of(message)
-        return len(turns) if not turns or turns[-1] <= time else bisect_right(turns, time)
 
     def asker_at(self, time: float) -> Handling | str:
         """The origin of the entry of a time; "" if nobody asked."""

@@ -7,11 +7,11 @@ import click
 
 from tca_tools.errors import NotInLog
 from tca_tools.journal.journals import Log, open_log
-from tca_tools.journal.selection import nearest_to
 from tca_tools.user_file import names_of
 from tca_wire.journal.facts import FormatDefined
 from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, read_life_cycle
 from tca_wire.messages.declarations import TaskMessage
+from tca_wire.text.nearest import did_you_mean
 from tca_wire.text.printable import printable
 
 BUILT_IN = {one.name: one for one in (GENERAL, BASIC)}
@@ -44,7 +44,7 @@ def _of_message(name: str, log_path: Path | None) -> LifeCycle:
     journal.check()
     fact = found.get(name)
     if fact is None:
-        hint = nearest_to(name, [*found, *BUILT_IN])
+        hint = did_you_mean(name, [*found, *BUILT_IN], ": ")
         raise NotInLog(f"no message '{name}' in the journal {journal.name}{hint}")
     if not fact.message_class.is_task:
         raise NotInLog(f"{fact.message_class} '{name}' is no task: only tasks have a life cycle")

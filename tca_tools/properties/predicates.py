@@ -182,7 +182,7 @@ def _state_and_name(text: str) -> tuple[str, str]:
     if text in STATES:
         raise BadProperty(f"'{text}' names no message: write '{text} of MESSAGE', or '{text} of {ANYTHING}'")
     said = text.partition(" of ")[0] if " of " in text else text.rsplit(" ", maxsplit=1)[-1]
-    advice = did_you_mean(said, STATES, f"states are {', '.join(STATES)}")
+    advice = did_you_mean(said, STATES) or f"states are {', '.join(STATES)}"
     raise BadProperty(f"'{text}' names no state of a message ('STATE of MESSAGE'): {advice}")
 
 

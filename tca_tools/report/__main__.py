@@ -36,7 +36,7 @@ def _page(journal: Log) -> str:
     from tca_tools.report.pictures import gantt, strips  # noqa: PLC0415
     from tca_tools.report.tree import tree  # noqa: PLC0415
 
-    history = folded(journal, with_turns=True)
+    history = folded(journal)
     try:
         journal.check()
         damage = ""

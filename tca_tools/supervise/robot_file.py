@@ -12,8 +12,9 @@ import msgspec
 from msgspec import Meta
 
 from tca_tools.errors import BadUserFile
-from tca_tools.user_toml import advice, check_keys, check_table, read_table, read_toml
+from tca_tools.user_toml import check_keys, check_table, read_table, read_toml
 from tca_wire.endpoint import VARIABLE, default_endpoint, new_journal
+from tca_wire.text.nearest import nearest_or_all
 
 CENTRAL = "central"
 RUN = "run"
@@ -101,7 +102,7 @@ class RobotFile(msgspec.Struct, frozen=True):
         known = {program.name.partition(".")[0] for program in self.programs}
         for name in names:
             if name not in known:
-                raise BadUserFile(f"--only {name}: {advice(name, sorted(known))}")
+                raise BadUserFile(f"--only {name}: {nearest_or_all(name, known)}")
         return RobotFile(self.address, [one for one in self.programs if one.name.partition(".")[0] in names])
 
 
@@ -117,9 +118,9 @@ def load(path: Path) -> RobotFile:
 def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
     for name, table in tables.items():
         if name not in (CENTRAL, RUN, "modules"):
-            what_to_do = advice(name, [CENTRAL, "modules", RUN])
-            if isinstance(table, dict) and "command" in table:
-                what_to_do = f"a program stands under [modules.{name}]"
+            is_program = isinstance(table, dict) and "command" in table
+            others = nearest_or_all(name, [CENTRAL, "modules", RUN])
+            what_to_do = f"a program stands under [modules.{name}]" if is_program else others
             raise BadUserFile(f"'{name}' is unknown: {what_to_do}")
         check_table(name, table)
     common = tables.get(RUN, {})

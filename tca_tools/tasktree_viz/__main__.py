@@ -39,7 +39,7 @@ def tree(
     """
     check_output(output, (".txt",) if story else KINDS, force=asked.force)
     journal = open_log(asked.log_path)
-    history = folded(journal, asked.at, with_turns=story is not None)
+    history = folded(journal, asked.at)
     width = None if output else line_width()
     if story:
         show_text("\n".join(story_lines(history, one_message(history, story), width)), output)

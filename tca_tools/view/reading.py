@@ -48,8 +48,8 @@ class Reading:
         """The place where a removed or cut file ended the reading; nothing more can be read."""
         self.cut = ""
         """The remark on a last entry that is not whole."""
-        self._worked_out: tuple[int, dict[object, Any]] | None = None
-        """How many entries there were at the moment that was looked at last, and what was worked out of it."""
+        self._worked_out: tuple[tuple[int, float], dict[object, Any]] | None = None
+        """The number of entries until the moment that was looked at last, that moment, and results for it."""
         self._grown = threading.Condition()
         self._is_written = False
         """Whether a central had the journal open before what was read last."""
@@ -140,10 +140,10 @@ class Reading:
     def at(self, moment: float) -> RunAt:
         """The run as it was at a moment, with what was worked out of it already. Only inside of ``with``."""
         history = self.feed.history
-        place = bisect_right(history.times, moment)
-        if self._worked_out is None or self._worked_out[0] != place:
-            self._worked_out = place, {}
         at = RunAt(history, moment)
+        key = bisect_right(history.times, at.moment), at.moment
+        if self._worked_out is None or self._worked_out[0] != key:
+            self._worked_out = key, {}
         _, at.memo = self._worked_out
         return at
 
@@ -228,7 +228,7 @@ class Reading:
         if not self._pending:
             return
         with self:
-            if self._worked_out and self._worked_out[0] == len(self.feed.history.times):
+            if self._worked_out and self._worked_out[0][0] == len(self.feed.history.times):
                 self._worked_out = None  # more of the same entry may come
             for entry, place in self._pending:
                 known = len(self.feed.history.times)

@@ -363,4 +363,5 @@ def _field(path: str, name: str) -> str:
 
 
 def _advice(name: str, known: list[str]) -> str:
-    return did_you_mean(name, known, f"the fields are {', '.join(known)}" if known else "there are no fields")
+    every = f"the fields are {', '.join(known)}" if known else "there are no fields"
+    return did_you_mean(name, known) or every

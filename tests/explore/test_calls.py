@@ -245,7 +245,7 @@ def decides_for_ever(task: tca.Task) -> None:
         (waits_for_many, r"multi_query\(timeout=...\) is not explored"),
         (awaits, "await is not explored"),
         (swallows, r"handlers\(\) and status\(\) is not explored"),
-        (is_async, "is no plain function"),
+        (is_async, "make it a plain function"),
         (sends_the_wrong_data, "variable 'pace' wants data of type int"),
         (decides_for_ever, "decides 100 times without sending or asking anything"),
     ],
@@ -256,7 +256,7 @@ def test_what_is_not_explored_is_named(handler: Any, words: str) -> None:
 
 
 def test_a_monitor_is_handled_by_central() -> None:
-    with pytest.raises(tca.ScenarioError, match="central carries it out, handle its parts"):
+    with pytest.raises(tca.ScenarioError, match="central carries it out"):
         tca.Scenario("bad").module("eye").handles(BATTERY)
 
 

@@ -239,7 +239,7 @@ def module() -> Any:
 NONSENSE: list[Callable[[], object]] = [
     *(lambda option=option: walking(**option)
       for option in ({"may_be_lost": -1}, {"may_be_lost": True}, {"comes_back": "no"}, {"may_leave": 1},
-                     {"arrives_late": None}, {"capacity": 0}, {"capacity": 2.5}, {"capacity": 65}, {"requires": "step"})),
+                     {"arrives_late": None}, {"capacity": 0}, {"capacity": 2.5}, {"capacity": 257}, {"requires": "step"})),
     *(lambda option=option: module().handles(NOTE, **option)
       for option in ({"pending": 0}, {"pool": 1}, {"pool": ""}, {"resource": ""}, {"direct": True})),
     *(lambda call=call: call(ANY)
@@ -264,7 +264,7 @@ def test_what_makes_no_sense_is_refused_where_it_is_written(make: Callable[[], o
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: walking(capacity=65), "the capacity of resource 'legs' can't be 65: 1 to 64, a whole number"),
+        (lambda: walking(capacity=257), "module 'legs': capacity must be 1 to 256, not 257"),
         (lambda: accepted("kil"), r"accepted\(\) knows no call 'kil'; did you mean 'kill'"),
         (lambda: module().every(1.0), "every of module 'm' is not explored: what a module sends by itself goes"),
     ],

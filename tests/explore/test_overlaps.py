@@ -8,6 +8,7 @@ import pytest
 from explore.scenarios import found, good
 
 from tca_module import Refused
+from tca_module.serving.handler_options import WhenBusy
 from tca_tools.explore import Scenario, Script, Seen, Task, World, at_most, eventually, handled, never, never_stuck
 from tca_wire.life_cycles import GENERAL, LifeCycle, Transition, ending
 from tca_wire.messages.controls import ExceptionHandler
@@ -195,7 +196,7 @@ def test_transitions_of_ones_own_by_two_clients() -> None:
     good(scenario)
 
 
-def crowded(users: int, policy: str, takes: list[str]) -> Scenario:
+def crowded(users: int, policy: WhenBusy, takes: list[str]) -> Scenario:
     """Several want something of one arm, which has a policy for that."""
     scenario = Scenario(f"an arm that is to {policy}", never_stuck(), at_most(1, handled(GRASP)))
     scenario.observe()
@@ -221,7 +222,7 @@ def crowded(users: int, policy: str, takes: list[str]) -> Scenario:
 @pytest.mark.parametrize("policy", ["queue", "reject", "preempt"])
 @pytest.mark.parametrize("takes", [[], ["cancel"]], ids=str)
 @pytest.mark.parametrize("users", [2, pytest.param(3, marks=pytest.mark.soak)])
-def test_an_arm_does_one_thing_at_a_time(users: int, policy: str, takes: list[str]) -> None:
+def test_an_arm_does_one_thing_at_a_time(users: int, policy: WhenBusy, takes: list[str]) -> None:
     good(crowded(users, policy, takes))
 
 

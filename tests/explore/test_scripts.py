@@ -185,8 +185,8 @@ def breaks(task: tca.Task) -> None:
         (asks_for_a_circle, "goal 'walk' was refused"),
         (sends_the_wrong_way, r"goal\(\) takes messages of class Goal, not Command\('step'"),
         (breaks, r"test_scripts.py, line \d+\): KeyError\('left'\)"),
-        (lambda _: (yield), "is no plain function"),
-        (lambda: None, "is no plain function"),
+        (lambda _: (yield), "make it a plain function"),
+        (lambda: None, r"declare it with \(task, data\)"),
     ],
 )
 def test_what_cannot_be_played_is_named(handler: Any, words: str) -> None:
@@ -276,7 +276,7 @@ def test_scenarios_are_checked_when_they_are_written() -> None:
     for bad, words in (
         (lambda: scenario.module("planner"), "there is a module 'planner' already"),
         (lambda: module.handles(WALK), "handles 'walk' already"),
-        (lambda: module.handles("walk"), "wants a message"),  # type: ignore[arg-type]
+        (lambda: module.handles("walk"), "must be a message"),  # type: ignore[arg-type]
         (lambda: module.handles(REST, resource="arm"), "has no resource 'arm'"),
         (lambda: module.does(lambda _: None), "does something already"),
         (lambda: scenario.may_kill(NOTE), "wants a goal or command"),

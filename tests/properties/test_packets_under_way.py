@@ -233,8 +233,6 @@ def check_charts(town: Town) -> None:
         assert free.get(place, 0.0) <= start <= over.get(number, start)
         free[place] = over.get(number, start)
     for message in history.messages.values():
-        turns = history.turns.of(message.id) if history.turns else []
-        assert turns == sorted(turns)
         waits = waits_of(history, message.id)
         for time in {wait.start for wait in waits}:
             at, told = RunAt(history, time), {wait.on for wait in waits if wait.start <= time < wait.end}

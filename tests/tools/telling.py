@@ -17,6 +17,7 @@ import json
 import re
 from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 from typing import Any, get_args
 
 import msgspec
@@ -41,7 +42,7 @@ from tca_tools.gantt.build import chart
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fates import begun_again_with, coped_with, fate, hinges, told_to, went_on
 from tca_tools.journal.fold import History
-from tca_tools.journal.lives import life_at, life_of
+from tca_tools.journal.lives import life_at
 from tca_tools.journal.selection import messages_of, waited_for
 from tca_tools.journal.whole_run import Run
 from tca_tools.log.classic import classic_lines
@@ -333,10 +334,12 @@ def all_uses(run: Run) -> list[str]:
 
 
 def life(run: Run, number: int, at: float | None = None) -> list[str]:
-    """The changes of a task's state; what is known of it at a moment."""
+    """The states of a task, each from when on; what is known of it at a moment."""
     task = run.tasks[TaskId(number)]
     if at is None:
-        return [f"{one.time:g} {one.transition} by {one.by}: {one.state}, {one.serial}" for one in life_of(run, task)]
+        lives = [(time, life_at(run, task, time)) for time in run.times]
+        states = [(time, f"{life.state}, {life.serial}") for time, life in lives if time >= task.received]
+        return [f"{time:g} {new}" for (_, old), (time, new) in pairwise([(0.0, ""), *states]) if new != old]
     then = life_at(run, task, at)
     told = {"progress": then.progress, "asked": then.asked, "data": RunAt(run, at).tasks[TaskId(number)].body}
     known = [f"{name} {msgspec.msgpack.decode(text)}" for name, text in told.items() if text]

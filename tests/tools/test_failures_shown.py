@@ -27,7 +27,6 @@ from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fates import HANDLED
 from tca_tools.journal.fold import History
 from tca_tools.journal.journals import open_log
-from tca_tools.journal.lives import life_of
 from tca_tools.journal.outcomes import outcome_of
 from tca_tools.journal.records import TaskState
 from tca_tools.replay.growth import growth_lines
@@ -344,8 +343,6 @@ def test_states_are_green_only_where_all_went_well(resolved_run: History) -> Non
         Ending.RESOLVED,
         Ending.FAILED,
     ]
-    ends = [[*life_of(resolved_run, task)][-1] for task in resolved_run.tasks.values() if task.name == "step"]
-    assert [one.transition for one in ends] == [Outcome.RESOLVED, Outcome.RESOLVED, "failed"]
     for looks in (COLOURS, FILLS):
         assert len({looks[state] for state in (ACHIEVED, RESOLVED, FAILED)}) == 3
 

@@ -15,7 +15,7 @@ from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fold import History
-from tca_tools.journal.lives import life_of
+from tca_tools.journal.lives import life_at
 from tca_tools.journal.records import Offer
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
@@ -84,7 +84,7 @@ def everything_about(history: History) -> None:
     """Ask a history all that the tools ask; nothing may fail."""
     for task in history.tasks.values():
         reasons(history, task.id)
-        list(life_of(history, task))
+        life_at(history, task)
         assert story(history, task.id)
     for rows in (whole_outline(RunAt(history)), outline(RunAt(history), shown_at_most=2)):
         list(tree_lines(RunAt(history), rows, width=60, with_data=True))
@@ -211,7 +211,7 @@ def test_a_task_that_went_well_takes_little_room() -> None:
         move = story.at(float(number)).command("move", "user")
         story.queued(move, "legs").delivered(move, "legs").reached(move, *Moment).returned(move)
     tracemalloc.start()
-    history = History.until(story.entries, with_turns=False)
+    history = History.until(story.entries)
     size, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(history.tasks) == many

@@ -6,8 +6,9 @@ from typing import Any
 
 from tca_behaviours.missions.client.errors import NotOffered, UnknownTask
 from tca_behaviours.missions.client.mission_goal import MissionGoal
-from tca_behaviours.missions.client.offered_task import OfferedTask, nearest, offered_tasks
+from tca_behaviours.missions.client.offered_task import OfferedTask, offered_tasks
 from tca_module import Command, MisuseError
+from tca_wire.text.nearest import nearest_or_all
 
 _LOOK_AGAIN = 0.1  # seconds between two looks whether the server has come
 
@@ -43,7 +44,7 @@ class Catalogue:
         if not self._known:
             raise NotOffered(f"server '{self.server}' has left: start it again")
         what = f"server '{self.server}' offers no task '{name}'"
-        raise UnknownTask(f"{what}: {nearest(name, self._known, 'it offers')}")
+        raise UnknownTask(f"{what}: {nearest_or_all(name, self._known, 'it offers')}")
 
     def message(self, task: OfferedTask) -> Command[Any, Any]:
         """The command that a task is, as its server has declared it."""
@@ -66,7 +67,7 @@ class Catalogue:
                 return
             if time.monotonic() > until:
                 what = f"server '{self.server}' offers no tasks" if self.server else "no server offers tasks"
-                raise NotOffered(f"{what} after {patience:g} s: {nearest(self.server, servers, 'there are')}")
+                raise NotOffered(f"{what} after {patience:g} s: {nearest_or_all(self.server, servers, 'there are')}")
             time.sleep(_LOOK_AGAIN)
 
     def _read(self) -> list[str]:

@@ -5,7 +5,6 @@ import json
 import keyword
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from difflib import get_close_matches
 from typing import Any, Literal, Union
 
 import msgspec
@@ -15,6 +14,7 @@ from tca_behaviours.missions.outcomes import TaskEnd
 from tca_module.sending.directory import MessageInfo
 from tca_wire.errors import BadData
 from tca_wire.messages.formats import MISSION_TASK
+from tca_wire.text.nearest import nearest_or_all
 from tca_wire.text.plain_data import FieldMisfit, PlainFormat
 
 _TYPES: dict[str, Any] = {"number": float, "integer": int, "boolean": bool, "string": str, "null": None}
@@ -98,7 +98,7 @@ class OfferedTask:
         known = [one.name for one in self.parameters]
         for name in parameters:
             if name not in known:
-                raise BadParameter(f"{self.name}() has no parameter '{name}': {nearest(name, known, 'it has')}")
+                raise BadParameter(f"{self.name}() has no parameter '{name}': {nearest_or_all(name, known, 'it has')}")
         try:
             plain: dict[str, Any] = msgspec.to_builtins(dict(parameters), enc_hook=_plain)
             for name, value in plain.items():
@@ -109,14 +109,6 @@ class OfferedTask:
         except (BadData, TypeError, ValueError, RecursionError) as error:
             raise BadParameter(f"{self.name}(): {error}") from None
         return plain
-
-
-def nearest(name: str, known: Iterable[str], otherwise: str) -> str:
-    """Advice for a name that is unknown."""
-    names = list(known)
-    if found := get_close_matches(name, names, n=1, cutoff=0.5):
-        return f"did you mean '{found[0]}'?"
-    return f"{otherwise} {', '.join(sorted(names)) or 'none'}"
 
 
 def offered_tasks(messages: Iterable[MessageInfo]) -> Iterator[OfferedTask]:

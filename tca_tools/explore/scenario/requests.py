@@ -5,8 +5,9 @@ from typing import Any
 
 import msgspec
 
+from tca_module import checks
 from tca_tools.explore.errors import ScenarioError
-from tca_tools.explore.scenario.argument_checks import checked_name, nearest
+from tca_tools.explore.scenario.argument_checks import check
 from tca_tools.properties.predicates import NamedPredicate
 from tca_tools.properties.world import Predicate
 from tca_wire.constraints import Constraint
@@ -15,6 +16,7 @@ from tca_wire.packets.changes import ChangeState
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, THIS, Point, describe_moments
 from tca_wire.text.measures import counted
+from tca_wire.text.nearest import nearest_or_all
 from tca_wire.vocabulary import MessageClass, Scope
 
 Name = Callable[[int], str]
@@ -160,9 +162,9 @@ def accepted(call: str, by: str = "") -> Predicate:
     late to change anything, is not accepted; a wait or a lock is accepted when it begins.
     """
     if call not in CALLS:
-        raise ScenarioError(f"accepted() knows no call {call!r:.60}; {nearest(str(call), CALLS)}")
+        raise ScenarioError(f"accepted() knows no call {call!r:.60}; {nearest_or_all(str(call), CALLS)}")
     if by:
-        checked_name(by, "a module")
+        check("accepted()", checks.NAME, by=by)
     return _Accepted(call, by)
 
 

@@ -1,19 +1,16 @@
 """Scenarios as users write them: modules, what their handlers do, what may happen to them, and what must be true."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from itertools import combinations
-from typing import Any, NoReturn, cast
+from typing import Any, NoReturn, Unpack
 
-from msgspec.structs import replace
-
-from tca_module.errors import MisuseError
+from tca_module import checks
 from tca_module.sending.sender import Sender
 from tca_module.serving.handler_options import HandlerOptions, checked_format
 from tca_tools.explore.errors import ScenarioError
-from tca_tools.explore.scenario.argument_checks import MOST, checked_flag, checked_name, checked_number, name_or_none
+from tca_tools.explore.scenario.argument_checks import as_scenario_error, check
 from tca_tools.explore.scenario.script import Program
 from tca_tools.properties import CasesProperty, Property
-from tca_wire.messages.controls import Monitor
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.parts import HandlerFormat
 
@@ -30,20 +27,25 @@ _NOT_EXPLORED = frozenset((
 class ScenarioModule:
     """A module of a scenario. Made by ``Scenario.module``."""
 
-    def __init__(self, name: str, capacity: int, *, may_be_lost: int, comes_back: bool, may_leave: bool,
-                 arrives_late: bool, prefetch: int | None, requires: Iterable[Message[Any, Any]]) -> None:  # fmt: skip
-        self.name = checked_name(name, "a module")
-        self.may_be_lost = checked_number(may_be_lost, f"may_be_lost= of module '{name}'", least=0)
-        self.comes_back = checked_flag(comes_back, f"comes_back= of module '{name}'")
-        self.may_leave = checked_flag(may_leave, f"may_leave= of module '{name}'")
-        self.arrives_late = checked_flag(arrives_late, f"arrives_late= of module '{name}'")
-        self.prefetch = prefetch if prefetch is None else checked_number(
-            prefetch, f"prefetch= of module '{name}'", least=0, most=MOST)  # fmt: skip
+    def __init__(
+        self, name: str, capacity: int, *, may_be_lost: int, comes_back: bool, may_leave: bool, arrives_late: bool,
+        prefetch: int | None, requires: Collection[Message[Any, Any]],
+    ) -> None:  # fmt: skip
+        check("module()", checks.NAME, name=name)
+        what = f"module '{name}'"
+        check(what, checks.CAPACITY, capacity=capacity)
+        check(what, checks.AMOUNT, may_be_lost=may_be_lost)
+        check(what, checks.FLAG, comes_back=comes_back, may_leave=may_leave, arrives_late=arrives_late)
+        check(what, checks.AMOUNT.or_none(), prefetch=prefetch)
+        check(what, checks.MESSAGES, requires=requires)
+        self.name, self.prefetch = name, prefetch
+        self.may_be_lost, self.comes_back = may_be_lost, comes_back
+        self.may_leave, self.arrives_late = may_leave, arrives_late
         self.handlers: dict[str, Program] = {}  #: by message name
         self.formats: list[HandlerFormat] = []  #: the declarations of its handlers
         self.story: Program | None = None  #: the module's own program
-        self._capacities = {name: _checked_capacity(name, capacity)}
-        self._required = _checked_messages(name, requires)
+        self._capacities = {name: capacity}
+        self._required = list(requires)
         self._wait = Program(f"requires in {name}", lambda me: me.wait_until_handled(*self._awaited()), None)
         self._first: list[Program] = []
 
@@ -55,37 +57,30 @@ class ScenarioModule:
 
     def resource(self, name: str, capacity: int = 1) -> str:
         """Declare a further resource of this module; handlers name it with ``resource=``."""
-        self._capacities[checked_name(name, "a resource")] = _checked_capacity(name, capacity)
+        check("resource()", checks.NAME, name=name)
+        check(f"resource '{name}'", checks.CAPACITY, capacity=capacity)
+        self._capacities[name] = capacity
         return name
 
-    def handles(
-        self, message: Message[Any, Any], *, resource: str | None = None, pool: str | None = None,
-        pending: int | None = None, direct: bool = False, **wishes: Any,
-    ) -> Callable[[Function], Function]:  # fmt: skip
+    def handles(self, message: Message[Any, Any], **options: Unpack[HandlerOptions]) -> Callable[[Function], Function]:
         """Declare the decorated function as this module's handler of *message*, as the module library's ``handles``
-        does; *wishes* are accepts=, takes=, refuses= and when_busy=. Messages that come *direct* are
-        not explored.
+        does. Messages that come *direct* are not explored.
         """
-        if not isinstance(message, Message):
-            raise ScenarioError(f"handles() wants a message (Goal, Command, Query, ...), and {message!r} is none")
-        if isinstance(message, Monitor):
-            raise ScenarioError(f"{message!r} is a monitor: central carries it out, handle its parts")
+        with as_scenario_error(f"module '{self.name}'"):
+            handler = checked_format(message, options, self.name, {})
         if message.name in self.handlers:
             raise ScenarioError(f"module '{self.name}' handles '{message.name}' already: one handler a message")
-        if direct:
+        if handler.direct:
             raise ScenarioError(f"direct=True of '{message.name}' in module '{self.name}' is not explored: leave it "
                                 "out, and each goes through central, which happens on the robot, too")  # fmt: skip
-        said = _checked_wishes(message, wishes, self.name)
-        whose = f"'{message.name}' in module '{self.name}'"
-        if pending is not None:
-            checked_number(pending, f"pending= of {whose}", least=1)
-        shared, where = name_or_none(pool, f"pool= of {whose}"), name_or_none(resource, f"resource= of {whose}")
-        if where and where not in self._capacities:
-            raise ScenarioError(f"module '{self.name}' has no resource '{where}': declare it with resource()")
+        if handler.resource not in self._capacities:
+            raise ScenarioError(
+                f"module '{self.name}' has no resource '{handler.resource}': declare it with resource()"
+            )
 
         def declare(function: Function) -> Function:
             self.handlers[message.name] = Program(f"'{message.name}' in {self.name}", function, message)
-            self.formats.append(replace(said, resource=where or self.name, pool=shared, pending=pending or 0))
+            self.formats.append(handler)
             return function
 
         return declare
@@ -124,7 +119,8 @@ class Scenario:
     """
 
     def __init__(self, title: str, *properties: Property) -> None:
-        self.title = checked_name(title, "a scenario")
+        check("Scenario()", checks.NAME, title=title)
+        self.title = title
         self.properties = checked_properties(properties)
         self.modules: dict[str, ScenarioModule] = {}
         self.is_observed = False
@@ -133,7 +129,7 @@ class Scenario:
 
     def module(
         self, name: str, *, capacity: int = 1, may_be_lost: int = 0, comes_back: bool = False, may_leave: bool = False,
-        arrives_late: bool = False, prefetch: int | None = None, requires: Iterable[Message[Any, Any]] = (),
+        arrives_late: bool = False, prefetch: int | None = None, requires: Collection[Message[Any, Any]] = (),
     ) -> ScenarioModule:  # fmt: skip
         """Add a module whose own resource takes *capacity* messages at a time.
 
@@ -160,12 +156,12 @@ class Scenario:
 
     def may_kill(self, message: Message[Any, Any], times: int = 1) -> None:
         """Somebody may kill tasks of this message at any moment, so many of them."""
-        checked_number(times, "times= of may_kill()", least=0)
+        check("may_kill()", checks.AMOUNT, times=times)
         self.may_be_killed[_task(message, "may_kill").name] = times
 
     def may_suspend(self, message: Message[Any, Any], times: int = 1) -> None:
         """Somebody may suspend tasks of this message at any moment, so many times; each is resumed some time later."""
-        checked_number(times, "times= of may_suspend()", least=0)
+        check("may_suspend()", checks.AMOUNT, times=times)
         self.may_be_suspended[_task(message, "may_suspend").name] = times
 
     def rivals(self) -> dict[str, int]:
@@ -204,27 +200,6 @@ def checked_properties(properties: Iterable[Any]) -> tuple[Property, ...]:
         if isinstance(one, CasesProperty):
             raise ScenarioError(f"'{one}' counts cases of a whole run: ask it of a journal, with tca check")
     return found
-
-
-def _checked_wishes(message: Message[Any, Any], wishes: dict[str, Any], module: str) -> HandlerFormat:
-    """A handler with what it says of the states of tasks."""
-    try:
-        return checked_format(message, cast("HandlerOptions", wishes), module, {})
-    except MisuseError as error:
-        raise ScenarioError(f"module '{module}': {error}") from None
-
-
-def _checked_capacity(resource: str, capacity: int) -> int:
-    return checked_number(capacity, f"the capacity of resource '{resource}'", least=1, most=MOST)
-
-
-def _checked_messages(module: str, messages: Any) -> list[Message[Any, Any]]:
-    required = list(messages) if isinstance(messages, Iterable) and not isinstance(messages, str) else [messages]
-    for message in required:
-        if not isinstance(message, Message):
-            raise ScenarioError(f"requires= of module '{module}' takes messages (Goal, Query, ...), and "
-                                f"{message!r:.60} is none")  # fmt: skip
-    return required
 
 
 def _task(message: Message[Any, Any], call: str) -> Message[Any, Any]:

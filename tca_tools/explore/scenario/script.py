@@ -11,6 +11,7 @@ from weakref import ref
 
 from msgspec.structs import replace
 
+from tca_module.checks import check_function
 from tca_module.errors import LockLost, QueryFailed, Refused, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Reissued, failed
@@ -19,6 +20,7 @@ from tca_module.sending.sender import Sender
 from tca_module.sending.task import Task as ModuleTask
 from tca_module.sending.task_requests import TaskRequest
 from tca_tools.explore.errors import ExplorerError, ScenarioError
+from tca_tools.explore.scenario.argument_checks import as_scenario_error
 from tca_tools.explore.scenario.script_connection import (
     CHOOSE,
     MOST_DECISIONS,
@@ -125,7 +127,7 @@ class Program:
         self.name = name
         self.message = message  #: None: what a module does by itself
         self._function = function
-        self._arguments = _number_of_arguments(name, function, 2 if message else 1)
+        self._arguments = _number_of_arguments(name, function, "(task, data)" if message else "(me)")
         self._beginnings: dict[Given, ScriptRun] = {}
         self._numbers = count()
 
@@ -251,14 +253,9 @@ def _described(error: BaseException) -> str:
     return str(error) if known else repr(error)
 
 
-def _number_of_arguments(name: str, function: Callable[..., Any], most: int) -> int:
-    wanted = "(task, data) or (task)" if most == 2 else "(me)"
-    try:
-        parameters = inspect.signature(function).parameters.values()
-        number = sum(parameter.default is parameter.empty for parameter in parameters)
-    except (TypeError, ValueError):
-        raise ScenarioError(f"the script of {name} is {function!r}: write a function of {wanted}") from None
-    is_plain = not (inspect.isgeneratorfunction(function) or inspect.iscoroutinefunction(function))
-    if not 1 <= number <= most or not is_plain:
-        raise ScenarioError(f"the script of {name} is no plain function of {wanted}: write one")
+def _number_of_arguments(name: str, function: Callable[..., Any], wanted: str) -> int:
+    with as_scenario_error():
+        number = check_function(f"the script of {name}", function, wanted, range(1, wanted.count(",") + 2))
+    if inspect.isgeneratorfunction(function):
+        raise ScenarioError(f"the script of {name} is a generator: make it a plain function")
     return number

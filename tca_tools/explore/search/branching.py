@@ -36,17 +36,6 @@ _OF_MODULES = {
 }
 
 
-_OF_LINES = {
-    ActionKind.STEP,
-    ActionKind.HEAR,
-    ActionKind.BEGIN,
-    ActionKind.ANSWER,
-    ActionKind.LATE,
-    ActionKind.BREAK,
-    ActionKind.BYE,
-}
-
-
 class Branching:
     """Counts, over the states that were gone on from, in how many each thing could happen beside others."""
 
@@ -68,14 +57,11 @@ class Branching:
 
 
 def _source(play: Play, action: Action) -> str:
-    if action.kind is ActionKind.TIME:
-        name = _due(play)
-    elif action.kind in _OF_LINES:
-        name = play.lines[action.name].run.module.name
-    elif action.kind in (ActionKind.JOIN, ActionKind.LEAVE):
-        name = play.runs[action.name].module.name
-    else:
-        name = action.name
+    name = _due(play) if action.kind is ActionKind.TIME else action.name
+    if name in play.lines:
+        name = play.lines[name].run.module.name
+    elif name in play.runs:
+        name = play.runs[name].module.name
     return _OF_MODULES[action.kind].format(name)
 
 

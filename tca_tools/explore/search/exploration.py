@@ -7,11 +7,12 @@ import msgspec
 
 from tca_central.core import Central
 from tca_central.loading import is_compiled
+from tca_module import checks
 from tca_tools.explore.errors import CentralFault, ExplorerError, ScenarioError
 from tca_tools.explore.observed.world import World, breach_in_words
 from tca_tools.explore.play.play import Action, Play, Waiting, carried, outcome, waiting
 from tca_tools.explore.play.words import unfinished
-from tca_tools.explore.scenario.argument_checks import checked_number, nearest
+from tca_tools.explore.scenario.argument_checks import check as check_argument
 from tca_tools.explore.scenario.scenario import Scenario, checked_properties
 from tca_tools.explore.scenario.worker_thread import check_wanted, in_worker_thread
 from tca_tools.explore.search import circles
@@ -20,6 +21,7 @@ from tca_tools.explore.search.fingerprint import Detail, recognised
 from tca_tools.explore.search.snapshot import Snapshots
 from tca_tools.explore.search.states import Result, SearchState, Violation, Way, replayed
 from tca_tools.properties.algebra import NeverStuck, Property, words_of
+from tca_wire.text.nearest import nearest_or_all
 
 LIMIT = 100_000
 """States after which an exploration ends without an answer, unless said otherwise."""
@@ -53,7 +55,7 @@ def explore(
         )
     if not isinstance(scenario, Scenario):
         raise ScenarioError(f"explore() takes a Scenario, and {scenario!r:.60} is none")
-    checked_number(limit, "explore(limit=...)", least=1)
+    check_argument("explore()", checks.COUNT, limit=limit)
     judged = (*scenario.properties, *checked_properties(properties))
     _check_module_names(scenario, judged)
     detail = Detail()
@@ -255,7 +257,7 @@ def _check_module_names(scenario: Scenario, properties: Iterable[Property]) -> N
         for named in one.named:
             if named.module and named.module.partition("#")[0] not in scenario.modules:
                 raise ScenarioError(f"property '{one}': scenario '{scenario.title}' has no module '{named.module}'; "
-                                    f"{nearest(named.module, scenario.modules)}")  # fmt: skip
+                                    f"{nearest_or_all(named.module, scenario.modules)}")  # fmt: skip
 
 
 def _check_message_names(scenario: Scenario, properties: Iterable[Property], used: Collection[str]) -> None:
@@ -274,4 +276,4 @@ def _unknown_names(one: Property, used: Collection[str]) -> Iterator[str]:
 
 
 def _missing(name: str, used: Collection[str]) -> str:
-    return f"there is no message '{name}': no module handles it, and no script uses it; {nearest(name, used)}"
+    return f"there is no message '{name}': no module handles it, and no script uses it; {nearest_or_all(name, used)}"

@@ -2,15 +2,13 @@
 
 Pickle copies what a play holds, except what all plays share (the scenario, its programs, what scripts have lived, the
 rules and life cycles of tasks): that is named by its number in memory, so snapshots are good for this process only.
-Functions inside central that know their central are made anew for the copy.
+Where central's results go (``Central.connect_outputs``) is no state, and made anew for the copy.
 """
 
 import io
 import pickle
-import sys
 from collections.abc import Callable
 from threading import Lock
-from types import CellType, CodeType, FunctionType, MethodType
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -23,12 +21,14 @@ from tca_wire.life_cycles import LifeCycle
 from tca_wire.messages.declarations import Message
 from tca_wire.rules import TaskRules
 
-_SHARED = (Scenario, ScenarioModule, Program, ScriptRun, Branch, Message, LifeCycle, TaskRules, CodeType, FunctionType)
+_SHARED = (Scenario, ScenarioModule, Program, ScriptRun, Branch, Message, LifeCycle, TaskRules)
 
 _EMPTY: dict[type, Callable[[], Any]] = {type(Lock()): Lock, WeakValueDictionary: WeakValueDictionary}
 """Of a slot's session: nothing of a scenario is in these."""
 
 _ATOMS = (MessageId, RequestNumber)
+
+# ruff: noqa: SLF001
 
 
 class Snapshots:
@@ -39,8 +39,10 @@ class Snapshots:
 
     def save(self, play: Play) -> bytes:
         """A play that can be had again."""
-        out = io.BytesIO()
+        out, central = io.BytesIO(), play.central
+        central._outputs = central._output_queues = ()
         _Pickler(out, self._shared).dump(play)
+        central.connect_outputs()
         return out.getvalue()
 
     def load(self, snapshot: bytes) -> Play:
@@ -50,6 +52,7 @@ class Snapshots:
             found: Play = pickle.loads(snapshot)  # noqa: S301 - it is our own
         finally:
             _loading.pop()
+        found.central.connect_outputs()
         return found
 
 
@@ -63,14 +66,9 @@ class _Pickler(pickle.Pickler):
         kind = type(thing)
         if kind in _ATOMS:
             return kind, (int(thing),)
-        if kind is MethodType:
-            return _method, (thing.__func__, thing.__self__)
-        if kind is FunctionType and thing.__closure__ is not None:  # it knows something of its central
-            cells = tuple(cell.cell_contents for cell in thing.__closure__)
-            return _function, (thing.__code__, thing.__module__, cells, thing.__defaults__)
         if kind in _EMPTY:
             return _EMPTY[kind], ()
-        if isinstance(thing, _SHARED) and thing not in _OURS:
+        if isinstance(thing, _SHARED):
             self._shared[id(thing)] = thing
             return _known, (id(thing),)
         return NotImplemented
@@ -82,15 +80,3 @@ _loading: list[dict[int, Any]] = []
 
 def _known(number: int) -> Any:
     return _loading[-1][number]
-
-
-def _method(function: FunctionType, thing: Any) -> MethodType:
-    return MethodType(function, thing)
-
-
-def _function(code: CodeType, module: str, contents: tuple[Any, ...], defaults: Any) -> FunctionType:
-    cells = tuple(map(CellType, contents))
-    return FunctionType(code, vars(sys.modules[module]), code.co_name, defaults, cells)
-
-
-_OURS = (_known, _method, _function)
