@@ -24,6 +24,8 @@ KINDS = (
 )
 """Of faults: of the machine, of its sensors, of the ground, of planners, of programs."""
 
+TERRAINS = ("flat", "rolling", "hills", "boulders", "ditches", "soft")
+
 
 @dataclass(frozen=True, slots=True)
 class Pose:
@@ -165,7 +167,7 @@ class Rock:
 
 @dataclass(frozen=True, slots=True)
 class TerrainSpec:
-    """All that is needed to make the same ground again: its kind (one of TERRAINS in terrain.py), its steepest gradient
+    """All that is needed to make the same ground again: its kind (one of TERRAINS), its steepest gradient
     (rise per run), rocks, and the places (x, y) where it gave way.
     """
 
@@ -177,15 +179,19 @@ class TerrainSpec:
 
 
 @dataclass(frozen=True, slots=True)
-class Posture:
-    """Body position and attitude, and (angle, reach, drop) of each leg; angles count whole turns."""
+class Attitude:
+    """Where the body is and how it is tilted; pitch is positive nose down, roll positive left side up."""
 
-    x: float
-    y: float
-    z: float
-    roll: float
-    pitch: float
-    heading: float
+    pose: Pose
+    roll: float = 0.0
+    pitch: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Posture:
+    """The body's attitude, and (angle, reach, drop) of each leg; angles count whole turns."""
+
+    attitude: Attitude
     joints: tuple[tuple[float, float, float], ...]
 
 

@@ -85,7 +85,7 @@ def test_an_image_that_is_taken_while_the_body_moves_is_blurred() -> None:
     blurred: list[Array] = []
     goal = replace(start, x=start.x + 0.4)
 
-    def look(_: float) -> bool:
+    def look() -> bool:
         (blurred if len(sharp) else sharp).append(robot.scan())
         return True
 

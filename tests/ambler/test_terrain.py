@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from robots.ambler_sim.machine.making import START
 from robots.ambler_sim.machine.plant import standing_posture
-from robots.ambler_sim.machine.terrain import TERRAINS, Terrain
-from robots.ambler_sim.vocabulary import Rock, TerrainSpec
+from robots.ambler_sim.machine.terrain import Terrain
+from robots.ambler_sim.vocabulary import TERRAINS, Rock, TerrainSpec
 
 
 @given(st.integers(0, 10**6), st.floats(0.02, 0.4), st.floats(-0.6, 0.6))

@@ -49,6 +49,7 @@ EXAMPLES = [
     ROBOT.readings(),
     ROBOT.state(),
     ROBOT.state().posture,
+    ROBOT.state().posture.attitude,
 ]
 
 

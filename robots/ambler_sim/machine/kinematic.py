@@ -15,18 +15,15 @@ from robots.ambler_sim.geometry import (
     SHAFT_Y,
     SHOULDER_Z,
     Array,
+    carried,
     feet_of,
-    posture_pose,
-    stance_of,
     to_body,
     to_world,
-    turn_between,
+    unwrap,
 )
-from robots.ambler_sim.machine.plant import Attitude
 from robots.ambler_sim.machine.terrain import STANDS_ON, Terrain
-from robots.ambler_sim.pictures.drawing import draw
 from robots.ambler_sim.planning.stability import WEIGHT, centre_of_gravity
-from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Rock
+from robots.ambler_sim.vocabulary import LEGS, Attitude, Foot, Pose, Posture, Rock
 
 RAY_STEP = 0.25
 LEAST_FEET = 3
@@ -46,8 +43,8 @@ class KinematicPlant:
     def __init__(self, terrain: Terrain, posture: Posture) -> None:
         self._terrain = terrain
         self._joints = np.array(posture.joints)
-        self._pose = posture_pose(posture)
-        self._roll, self._pitch = posture.roll, posture.pitch
+        self._pose = posture.attitude.pose
+        self._roll, self._pitch = posture.attitude.roll, posture.attitude.pitch
         self._loads = np.zeros(6)
         self._anchors = to_world(self._pose, feet_of(self._joints))[:, :2]
         self._stand(feet_of(self._joints))
@@ -113,12 +110,9 @@ class KinematicPlant:
         """The ground falls in, and with it the foot that stands there."""
         self._terrain.give_way(x, y)
 
-    def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:  # noqa: ARG002
-        """A drawing from the side and from above, as SVG, which has any size."""
-        stance = stance_of(self._pose, self._joints)
-        written = path.with_suffix(".svg")
-        written.write_text(draw(stance, self._terrain, trail), encoding="utf-8")
-        return written
+    def photograph(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> bool:  # noqa: ARG002
+        """There is no camera."""
+        return False
 
     def close(self) -> None:
         """Nothing to free."""
@@ -128,12 +122,8 @@ class KinematicPlant:
         firm = self._loads > 0
         if firm.sum() < LEAST_FEET:
             return
-        body, world = feet[firm, :2], self._anchors[firm]
-        heading = turn_between(body, world)
-        cos, sin = math.cos(heading), math.sin(heading)
-        x, y = world.mean(axis=0) - np.array([[cos, -sin], [sin, cos]]) @ body.mean(axis=0)
-        turned = self._pose.heading + math.remainder(heading - self._pose.heading, math.tau)
-        self._pose = Pose(float(x), float(y), turned, self._pose.height)
+        heading, (x, y) = carried(feet[firm, :2], self._anchors[firm])
+        self._pose = Pose(float(x), float(y), unwrap(heading, self._pose.heading), self._pose.height)
 
     def _stand(self, feet: Array) -> None:
         """Height, roll and pitch at which the springs of the feet below ground bear the weight."""

@@ -4,17 +4,15 @@ import importlib
 import importlib.util
 import os
 import sys
-from typing import Literal, get_args
 
 from robots.ambler_sim.machine.graphical import GraphicalPlant
 from robots.ambler_sim.machine.kinematic import KinematicPlant
 from robots.ambler_sim.machine.plant import Plant, standing_posture
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.machine.terrain import Terrain
+from robots.ambler_sim.options import Backend
 from robots.ambler_sim.vocabulary import Pose, Posture, Snapshot, TerrainSpec
 
-Backend = Literal["auto", "pybullet", "kinematic", "graphical"]
-BACKENDS: tuple[Backend, ...] = get_args(Backend)
 WITHOUT_PHYSICS = {plant.name: plant for plant in (KinematicPlant, GraphicalPlant)}
 START = Pose(0.0, 0.0, 0.0, 0.0)
 

@@ -8,11 +8,11 @@ import pybullet
 
 from robots.ambler_sim.geometry import AMBLER, Array, unwrap
 from robots.ambler_sim.machine.ground_bodies import UNSEEN, GroundBodies
-from robots.ambler_sim.machine.plant import Attitude, rotation_matrix
+from robots.ambler_sim.machine.plant import rotation_matrix
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.machine.urdf import EFFORT, ambler_urdf
 from robots.ambler_sim.pictures import photograph
-from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Rock
+from robots.ambler_sim.vocabulary import LEGS, Attitude, Foot, Pose, Posture, Rock
 from robots.engine import BulletWorld
 from robots.rendering import SIZE, write_png
 
@@ -35,7 +35,8 @@ class BulletPlant(BulletWorld):
         super().__init__(TICK)
         self._engine.setPhysicsEngineParameter(numSolverIterations=ITERATIONS)
         self._ground = GroundBodies(self._engine, terrain)
-        self._ground.follow(posture.x, posture.y)
+        start = posture.attitude.pose
+        self._ground.follow(start.x, start.y)
         self._robot = self._load(ambler_urdf())
         self._centre = np.array(self._engine.getDynamicsInfo(self._robot, -1)[3])
         names = self._joint_numbers()
@@ -44,7 +45,7 @@ class BulletPlant(BulletWorld):
         self._leg_of_link = {motor: number // len(JOINTS_PER_LEG) for number, motor in enumerate(self._motors)}
         self._firmness = np.ones(len(LEGS))
         self._prepare_joints()
-        self._heading = posture.heading
+        self._heading = start.heading
         self._assume(posture)
 
     def drive(self, joints: Array, rates: Array) -> None:
@@ -89,7 +90,8 @@ class BulletPlant(BulletWorld):
         """The true position of the body: as from a perfect inertial sensor."""
         place, turn = self._engine.getBasePositionAndOrientation(self._robot)
         roll, pitch, heading = pybullet.getEulerFromQuaternion(turn)
-        x, y, z = np.array(place) - rotation_matrix(roll, pitch, heading) @ self._centre
+        turned = rotation_matrix(Attitude(Pose(0.0, 0.0, heading, 0.0), roll, pitch))
+        x, y, z = np.array(place) - turned @ self._centre
         self._heading = unwrap(heading, self._heading)
         self._ground.follow(float(x), float(y))
         return Attitude(Pose(float(x), float(y), self._heading, float(z)), roll, pitch)
@@ -111,16 +113,15 @@ class BulletPlant(BulletWorld):
         self._terrain.give_way(x, y)
         self._ground.remake(x, y)
 
-    def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:
-        """A photograph from ahead and above, as PNG. It is taken twice as large: the renderer draws hard edges."""
+    def photograph(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> bool:
+        """From ahead and above. It is taken twice as large: the renderer draws hard edges."""
         pose = self.attitude().pose
         ground = list(self._ground.tiles)
         frame = self._frame(photograph.camera_for(pose), (2 * size[0], 2 * size[1]), ground)
         shadows = photograph.SHADOW_SIZE * size[0] // SIZE[0]
         from_sun = self._frame(photograph.sun_over(pose), (shadows, shadows), ground)
-        written = path.with_suffix(".png")
-        write_png(written, photograph.develop(frame, from_sun, self._terrain, trail))
-        return written
+        write_png(path, photograph.develop(frame, from_sun, self._terrain, trail))
+        return True
 
     def _sink(self) -> None:
         """Feet on soft ground stand on softer springs."""
@@ -155,10 +156,9 @@ class BulletPlant(BulletWorld):
 
     def _assume(self, posture: Posture) -> None:
         """Put the body and all joints where *posture* says, at rest."""
-        joints = np.array(posture.joints)
-        turn = rotation_matrix(posture.roll, posture.pitch, posture.heading)
-        place = np.array([posture.x, posture.y, posture.z]) + turn @ self._centre
-        quaternion = pybullet.getQuaternionFromEuler((posture.roll, posture.pitch, posture.heading))
+        joints, attitude, pose = np.array(posture.joints), posture.attitude, posture.attitude.pose
+        place = np.array([pose.x, pose.y, pose.height]) + rotation_matrix(attitude) @ self._centre
+        quaternion = pybullet.getQuaternionFromEuler((attitude.roll, attitude.pitch, pose.heading))
         self._engine.resetBasePositionAndOrientation(self._robot, place.tolist(), quaternion)
         for motor, position in zip(self._motors, joints.ravel().tolist(), strict=True):
             self._engine.resetJointState(self._robot, motor, position)

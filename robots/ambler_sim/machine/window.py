@@ -6,9 +6,8 @@ import time
 import pybullet
 
 from robots.ambler_sim.machine.physics import BulletPlant
-from robots.ambler_sim.machine.plant import Attitude
 from robots.ambler_sim.machine.terrain import Terrain
-from robots.ambler_sim.vocabulary import Pose, Posture
+from robots.ambler_sim.vocabulary import Attitude, Pose, Posture
 from robots.engine import Engine
 
 OPTIONS = (
