@@ -24,12 +24,10 @@ def main() -> int:
 
 
 def _walk(options: argparse.Namespace) -> int:
-    for option, is_wanted, why_not in (
-        ("--gui", options.gui, why_no_window),
-        ("--film", options.film, lambda: why_no_film(options.film)),
-    ):
-        if is_wanted and (missing := without_physics(options) or why_not()):
-            raise SystemExit(f"ambler: {option}: {missing}")
+    if options.gui and (missing := without_physics(options) or why_no_window()):
+        raise SystemExit(f"ambler: --gui: {missing}")
+    if options.film and (missing := without_physics(options) or why_no_film(options.film)):
+        raise SystemExit(f"ambler: --film: {missing}")
     console.print(f"The Ambler walks {options.metres:g} m {_how(options)}.")
     began = time.monotonic()
     walk = Walk(options, sys.argv[1:], _fresh(options.out))

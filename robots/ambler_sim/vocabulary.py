@@ -154,15 +154,12 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class Rock:
-    """An upright round stone; *height* is that of its top over the ground around it. The scanner looks
-    through it unless it may be *seen*.
-    """
+    """An upright round stone through which the scanner looks; *height* is that of its top over the ground around it."""
 
     x: float
     y: float
     radius: float
     height: float
-    seen: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from robots.ambler_sim.geometry import Array
 from robots.ambler_sim.machine.making import make_robot
-from robots.ambler_sim.planning.elevation import height_at, heights_of, known_cells
-from robots.ambler_sim.planning.mapping import build_elevation_map
+from robots.ambler_sim.planning.elevation import build_elevation_map, height_at, heights_of, known_cells
 from robots.ambler_sim.vocabulary import BodyMove, Pose, TerrainSpec
 
 NO_POINTS = np.empty((0, 3))

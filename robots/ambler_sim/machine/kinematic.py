@@ -5,8 +5,6 @@ the balance of weight and foot forces, with the same foot stiffness as in the ph
 """
 
 import math
-from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -21,9 +19,10 @@ from robots.ambler_sim.geometry import (
     to_world,
     unwrap,
 )
+from robots.ambler_sim.machine.plant import Plant
 from robots.ambler_sim.machine.terrain import STANDS_ON, Terrain
 from robots.ambler_sim.planning.stability import WEIGHT, centre_of_gravity
-from robots.ambler_sim.vocabulary import LEGS, Attitude, Foot, Pose, Posture, Rock
+from robots.ambler_sim.vocabulary import LEGS, Attitude, Pose, Posture
 
 RAY_STEP = 0.25
 LEAST_FEET = 3
@@ -34,13 +33,13 @@ SOFT = 1e-6 * np.eye(3)
 """Keeps the equations solvable while fewer than three feet touch the ground."""
 
 
-class KinematicPlant:
-    """A mechanism that is always in equilibrium."""
+class KinematicPlant(Plant):
+    """A mechanism that is always in equilibrium. By the name of "graphical" it is the same, but shown as it moves."""
 
-    name = "kinematic"
     tick = 0.025
 
-    def __init__(self, terrain: Terrain, posture: Posture) -> None:
+    def __init__(self, terrain: Terrain, posture: Posture, name: str = "kinematic") -> None:
+        self.name = name
         self._terrain = terrain
         self._joints = np.array(posture.joints)
         self._pose = posture.attitude.pose
@@ -90,6 +89,9 @@ class KinematicPlant:
         """The pose in equilibrium."""
         return Attitude(self._pose, self._roll, self._pitch)
 
+    def close(self) -> None:
+        """Nothing to free."""
+
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
         """March along each ray until it is below the ground, then cut the last stretch linearly."""
         distances = np.arange(RAY_STEP, limit, RAY_STEP)
@@ -101,21 +103,6 @@ class KinematicPlant:
         high, low = above[rays, np.maximum(first - 1, 0)], above[rays, first]
         share = np.divide(high, high - low, out=np.zeros_like(high), where=high > low)
         return np.where(below.any(axis=1) & (first > 0), distances[first] - RAY_STEP * (1 - share), np.nan)
-
-    def add_rock(self, rock: Rock) -> None:
-        """It is felt by feet that run into it."""
-        self._terrain.add(rock)
-
-    def give_way(self, x: float, y: float) -> None:
-        """The ground falls in, and with it the foot that stands there."""
-        self._terrain.give_way(x, y)
-
-    def photograph(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> bool:  # noqa: ARG002
-        """There is no camera."""
-        return False
-
-    def close(self) -> None:
-        """Nothing to free."""
 
     def _carry(self, feet: Array) -> None:
         """The horizontal pose that brings the loaded feet back onto their anchors (least squares)."""

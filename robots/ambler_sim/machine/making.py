@@ -1,11 +1,9 @@
 """How to get a robot: with physics where it can be had, else without."""
 
-import importlib
 import importlib.util
 import os
 import sys
 
-from robots.ambler_sim.machine.graphical import GraphicalPlant
 from robots.ambler_sim.machine.kinematic import KinematicPlant
 from robots.ambler_sim.machine.plant import Plant, standing_posture
 from robots.ambler_sim.machine.robot import Robot
@@ -13,7 +11,7 @@ from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.options import Backend
 from robots.ambler_sim.vocabulary import Pose, Posture, Snapshot, TerrainSpec
 
-WITHOUT_PHYSICS = {plant.name: plant for plant in (KinematicPlant, GraphicalPlant)}
+WITHOUT_PHYSICS = ("kinematic", "graphical")
 START = Pose(0.0, 0.0, 0.0, 0.0)
 
 
@@ -58,8 +56,7 @@ def _chosen(backend: Backend, state: Snapshot | None) -> str:
 
 def _make_plant(backend: str, terrain: Terrain, posture: Posture, *, window: bool) -> Plant:
     if backend in WITHOUT_PHYSICS:
-        return WITHOUT_PHYSICS[backend](terrain, posture)
-    # Imported late: these modules need PyBullet, which may not be installed.
-    module, name = ("window", "BulletWindow") if window else ("physics", "BulletPlant")
-    plant: Plant = getattr(importlib.import_module(f"robots.ambler_sim.machine.{module}"), name)(terrain, posture)
-    return plant
+        return KinematicPlant(terrain, posture, backend)
+    from robots.ambler_sim.machine import physics  # noqa: PLC0415 - it needs PyBullet, which may not be installed
+
+    return physics.BulletWindow(terrain, posture) if window else physics.BulletPlant(terrain, posture)

@@ -1,6 +1,9 @@
 """The Ambler in PyBullet: rigid-body dynamics, motors, compliant feet."""
 
+import math
+import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +11,12 @@ import pybullet
 
 from robots.ambler_sim.geometry import AMBLER, Array, unwrap
 from robots.ambler_sim.machine.ground_bodies import UNSEEN, GroundBodies
-from robots.ambler_sim.machine.plant import rotation_matrix
+from robots.ambler_sim.machine.plant import Plant, rotation_matrix
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.machine.urdf import EFFORT, ambler_urdf
 from robots.ambler_sim.pictures import photograph
 from robots.ambler_sim.vocabulary import LEGS, Attitude, Foot, Pose, Posture, Rock
-from robots.engine import BulletWorld
+from robots.engine import BulletWorld, Engine
 from robots.rendering import SIZE, write_png
 
 # 1/240 s brings nothing but cost; with 10 iterations the feet creep twice as much, 50 gain nothing.
@@ -22,8 +25,17 @@ ITERATIONS = 20
 POSITION_GAIN, VELOCITY_GAIN = 0.1, 1.0
 JOINTS_PER_LEG = ("shoulder", "extension", "vertical")
 
+WINDOW = (
+    "--width=1200 --height=800 --background_color_red=0.78 --background_color_green=0.85 --background_color_blue=0.92"
+)
+AWAY, SIDEWAYS, DOWN = 9.0, 50.0, -16.0
+"""Of the camera: metres from the robot, and degrees to the robot's direction and to the horizon."""
 
-class BulletPlant(BulletWorld):
+BETWEEN_LOOKS = 0.04
+"""Seconds between two moves of the camera."""
+
+
+class BulletPlant(BulletWorld, Plant):
     """A simulated mechanism and its ground, in a physics world of its own."""
 
     name = "pybullet"
@@ -52,16 +64,7 @@ class BulletPlant(BulletWorld):
         """Let the motors work towards *joints* for one tick; *rates* are fed forward so that they do not lag."""
         if self._terrain.has_soft_ground:
             self._sink()
-        self._engine.setJointMotorControlArray(
-            self._robot,
-            self._motors,
-            pybullet.POSITION_CONTROL,
-            targetPositions=joints.ravel().tolist(),
-            targetVelocities=rates.ravel().tolist(),
-            forces=self._efforts,
-            positionGains=self._position_gains,
-            velocityGains=self._velocity_gains,
-        )
+        self._command(targetPositions=joints.ravel().tolist(), targetVelocities=rates.ravel().tolist())
         self._engine.stepSimulation()
 
     def joints(self) -> Array:
@@ -104,13 +107,13 @@ class BulletPlant(BulletWorld):
         return np.array([limit * hit[2] if hit[0] in ground else np.nan for hit in hits])
 
     def add_rock(self, rock: Rock) -> None:
-        """It is felt by what runs into it."""
-        self._terrain.add(rock)
+        """Put a body onto the ground as well."""
+        super().add_rock(rock)
         self._ground.add(rock)
 
     def give_way(self, x: float, y: float) -> None:
-        """The ground falls in, and with it the foot that stands there."""
-        self._terrain.give_way(x, y)
+        """Lay the tiles there anew."""
+        super().give_way(x, y)
         self._ground.remake(x, y)
 
     def photograph(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> bool:
@@ -144,9 +147,11 @@ class BulletPlant(BulletWorld):
         """Motor limits and gains; no damping beside the motors'; a force sensor over each foot. Links collide, but the
         scanner does not see them.
         """
-        self._efforts = [EFFORT[joint] for _ in LEGS for joint in JOINTS_PER_LEG]
-        self._position_gains = [POSITION_GAIN] * len(self._motors)
-        self._velocity_gains = [VELOCITY_GAIN] * len(self._motors)
+        self._command = partial(
+            self._engine.setJointMotorControlArray, self._robot, self._motors, pybullet.POSITION_CONTROL,
+            forces=[EFFORT[joint] for _ in LEGS for joint in JOINTS_PER_LEG],
+            positionGains=[POSITION_GAIN] * len(self._motors), velocityGains=[VELOCITY_GAIN] * len(self._motors),
+        )  # fmt: skip
         for link in (-1, *self._motors, *self._feet):
             self._engine.changeDynamics(self._robot, link, linearDamping=0, angularDamping=0, jointDamping=0)
         for link in (-1, *self._motors):
@@ -163,3 +168,30 @@ class BulletPlant(BulletWorld):
         for motor, position in zip(self._motors, joints.ravel().tolist(), strict=True):
             self._engine.resetJointState(self._robot, motor, position)
         self.drive(joints, np.zeros_like(joints))
+
+
+class BulletWindow(BulletPlant):
+    """The same in PyBullet's own window, for people with a screen. The camera walks along with the robot."""
+
+    def __init__(self, terrain: Terrain, posture: Posture) -> None:
+        self._looked_at = 0.0
+        super().__init__(terrain, posture)
+        for panel in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_MOUSE_PICKING):
+            self._engine.configureDebugVisualizer(panel, 0)
+
+    def connect(self, tick: float) -> Engine:
+        """A physics world in a window; it is drawn by a thread of the engine's own."""
+        return Engine(pybullet.GUI, tick, options=WINDOW)
+
+    def attitude(self) -> Attitude:
+        """Position and inclination of the body; the camera goes there."""
+        attitude = super().attitude()
+        if (now := time.monotonic()) > self._looked_at + BETWEEN_LOOKS:
+            self._looked_at = now
+            self._look_at(attitude.pose)
+        return attitude
+
+    def _look_at(self, pose: Pose) -> None:
+        """The engine's yaw is that of a camera that looks along y."""
+        yaw = math.degrees(pose.heading) + 90 + SIDEWAYS
+        self._engine.resetDebugVisualizerCamera(AWAY, yaw, DOWN, (pose.x, pose.y, pose.height - 0.8))

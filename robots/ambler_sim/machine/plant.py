@@ -13,10 +13,11 @@ from robots.ambler_sim.vocabulary import Attitude, Foot, Pose, Posture, Rock
 
 
 class Plant(Protocol):
-    """A mechanism with 18 driven joints; arrays are (6, 3): angle, reach, drop per leg."""
+    """A mechanism with 18 driven joints, on its ground; arrays are (6, 3): angle, reach, drop per leg."""
 
     name: str
     tick: float
+    _terrain: Terrain
 
     def drive(self, joints: Array, rates: Array) -> None:
         """Command joint positions and speeds, and let one tick pass."""
@@ -40,13 +41,16 @@ class Plant(Protocol):
         """The distance to the ground along each unit direction; NaN where there is none within *limit* metres."""
 
     def add_rock(self, rock: Rock) -> None:
-        """Put a rock that the scanner does not see onto the ground."""
+        """Put a rock that the scanner does not see onto the ground; what runs into it feels it."""
+        self._terrain.add(rock)
 
     def give_way(self, x: float, y: float) -> None:
-        """Let the ground around a point fall in."""
+        """Let the ground around a point fall in, and with it the foot that stands there."""
+        self._terrain.give_way(x, y)
 
-    def photograph(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> bool:
+    def photograph(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> bool:  # noqa: ARG002
         """Photograph robot, ground and footprints as a PNG file of that size; False if there is no camera."""
+        return False
 
     def close(self) -> None:
         """Free what the simulator holds."""

@@ -11,7 +11,6 @@ from pathlib import Path
 import msgspec
 
 from robots.ambler_sim.errors import AmblerError, AmplifierTripped, JointFault, TerrainContact, Tilting
-from robots.ambler_sim.machine.graphical import GraphicalPlant
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.machine.pacing import OnTick
 from robots.ambler_sim.machine.robot import Robot
@@ -71,7 +70,7 @@ class ControlledMachine(Machine):
     def __init__(self, robot: Robot, folder: Path | None, camera: FilmCamera | None) -> None:
         super().__init__(robot)
         self._folder, self._camera = folder, camera
-        self.display = Display(robot, while_moving=robot.backend == GraphicalPlant.name)
+        self.display = Display(robot, while_moving=robot.backend == "graphical")
         self.save()
 
     def save(self) -> None:
