@@ -37,6 +37,10 @@ class Pose:
     height: float
 
 
+ORIGIN = Pose(0.0, 0.0, 0.0, 0.0)
+"""Where walks begin; the height comes from the ground."""
+
+
 @dataclass(frozen=True, slots=True)
 class Foot:
     """The lowest point of a leg's foot in the world."""
@@ -70,7 +74,7 @@ class Step:
     """One footstep: *leg* goes to about *ideal*, then the body to *goal*.
 
     *support* are the body poses during which the new foothold has to stay in reach, from now until it is lifted.
-    *remaining* metres of the arc are left after the step. The height of *goal* is not yet known (see body.py).
+    *remaining* metres of the arc are left after the step. The height of *goal* is not yet known (see gait.py).
     """
 
     leg: int

@@ -7,10 +7,9 @@ import numpy as np
 
 from robots.ambler_sim.geometry import Array
 from robots.ambler_sim.machine.robot import Robot
-from robots.ambler_sim.planning.body import plan_body_move
 from robots.ambler_sim.planning.elevation import RESOLUTION, build_elevation_map, make_map
 from robots.ambler_sim.planning.footfall import choose_foothold
-from robots.ambler_sim.planning.gait import body_height, next_step, standard_feet
+from robots.ambler_sim.planning.gait import body_height, next_step, plan_body_move, standard_feet
 from robots.ambler_sim.planning.leg_recovery import plan_leg_move
 from robots.ambler_sim.planning.stability import support_margin
 from robots.ambler_sim.vocabulary import Arc, ElevationMap, Footfall, LegMove, Pose, Stance, Step

@@ -9,8 +9,8 @@ from robots.ambler_sim.machine import making as robot_module
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.machine.pacing import MoveWatch, Pacer
 from robots.ambler_sim.machine.shared import Machine
-from robots.ambler_sim.planning.body import plan_shift
 from robots.ambler_sim.planning.elevation import points_of
+from robots.ambler_sim.planning.gait import plan_shift
 from robots.ambler_sim.vocabulary import Scan, TerrainSpec
 
 

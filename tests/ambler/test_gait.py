@@ -11,8 +11,18 @@ from hypothesis import strategies as st
 
 from robots.ambler_sim.errors import NoStep, OutOfReach, UnstableMove
 from robots.ambler_sim.geometry import is_left, stance_joints, within_limits
-from robots.ambler_sim.planning.body import ACCELERATION, duration, plan_body_move, plan_shift
-from robots.ambler_sim.planning.gait import ADVANCE, after_step, next_step, pose_on, progress, remaining
+from robots.ambler_sim.planning.gait import (
+    ACCELERATION,
+    ADVANCE,
+    after_step,
+    duration,
+    next_step,
+    plan_body_move,
+    plan_shift,
+    pose_on,
+    progress,
+    remaining,
+)
 from robots.ambler_sim.planning.stability import support_margin
 from robots.ambler_sim.vocabulary import LEGS, Arc, Foot, Pose, Step
 

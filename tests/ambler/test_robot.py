@@ -15,9 +15,8 @@ from robots.ambler_sim.errors import OutOfReach
 from robots.ambler_sim.machine.making import make_robot, pybullet_is_installed
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.options import Backend
-from robots.ambler_sim.planning.body import plan_shift
 from robots.ambler_sim.planning.elevation import build_elevation_map
-from robots.ambler_sim.planning.gait import next_leg
+from robots.ambler_sim.planning.gait import next_leg, plan_shift
 from robots.ambler_sim.planning.leg_recovery import plan_swing
 from robots.ambler_sim.planning.stability import WEIGHT
 from robots.ambler_sim.vocabulary import BodyMove, Stance, TerrainSpec

@@ -9,10 +9,9 @@ from robots.ambler_sim.machine.plant import Plant, standing_posture
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.options import Backend
-from robots.ambler_sim.vocabulary import Pose, Posture, Snapshot, TerrainSpec
+from robots.ambler_sim.vocabulary import ORIGIN, Pose, Posture, Snapshot, TerrainSpec
 
 WITHOUT_PHYSICS = ("kinematic", "graphical")
-START = Pose(0.0, 0.0, 0.0, 0.0)
 
 
 def make_robot(
@@ -21,7 +20,7 @@ def make_robot(
     terrain: TerrainSpec | None = None,
     pace: float = 0.0,
     state: Snapshot | None = None,
-    start: Pose = START,
+    start: Pose = ORIGIN,
     window: bool = False,
 ) -> Robot:
     """A robot standing at *start* on new ground, or where the snapshot *state* left it (whose terrain then counts).

@@ -17,7 +17,7 @@ from robots.ambler_sim.machine.pacing import MoveWatch, OnTick, Pacer
 from robots.ambler_sim.machine.plant import Plant, make_posture
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.pictures.drawing import draw
-from robots.ambler_sim.planning.body import require_reach
+from robots.ambler_sim.planning.gait import require_reach
 from robots.ambler_sim.planning.stability import least_norm_loads, support_margin
 from robots.ambler_sim.vocabulary import (
     LEGS,

@@ -111,7 +111,6 @@ def make_module(robot: Robot, folder: Path | None, camera: FilmCamera | None = N
     a line for each footstep. A *camera* films the moves.
     """
     controller = Module("controller")
-    controller.resource("range finder")
     machine = ControlledMachine(robot, folder, camera)
 
     @controller.handles(MOVE_LEG)

@@ -40,7 +40,6 @@ CLOSE_ENOUGH = 0.15
 STEPS_PER_IMAGE = 2
 
 planner = Module("gait planner")
-planner.resource("position check")
 
 
 class GaitMemory:

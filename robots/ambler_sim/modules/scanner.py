@@ -22,7 +22,6 @@ FARTHEST_BELOW = 8.0
 """Metres that seen ground may lie below the body."""
 
 scanner = Module("scanner")
-scanner.resource("image queue")
 
 
 memory: deque[Image] = deque(maxlen=KEPT)

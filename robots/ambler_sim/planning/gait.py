@@ -1,15 +1,30 @@
 """The circulating gait: which leg steps next, about where, and how far the body follows.
 
 The rear-most leg of a side swings between the shafts to the front while five legs stand; the sides take turns. Per
-footstep the body advances half a metre, as in the outdoor runs of the real machine (500 m in 1000 footsteps).
+footstep the body advances half a metre, as in the outdoor runs of the real machine (500 m in 1000 footsteps): forward
+along the arc, level, at a constant height over its feet.
 """
 
 import math
 from dataclasses import replace
 
-from robots.ambler_sim.errors import NoStep
-from robots.ambler_sim.geometry import BODY_HEIGHT, TRACK, circulating_angle, circulation, offset, seen_by, side_of
-from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Arc, Foot, Pose, Stance, Step
+import numpy as np
+
+from robots.ambler_sim.errors import NoStep, OutOfReach, UnstableMove
+from robots.ambler_sim.geometry import (
+    BODY_HEIGHT,
+    TRACK,
+    Array,
+    circulating_angle,
+    circulation,
+    offset,
+    seen_by,
+    side_of,
+    stance_joints,
+    within_limits,
+)
+from robots.ambler_sim.planning.stability import support_margin
+from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Arc, BodyMove, Foot, Pose, Stance, Step
 
 ADVANCE = 0.5
 TOLERANCE = 0.1
@@ -22,6 +37,13 @@ SHARPEST = 0.08
 
 # Before a left leg is lifted: the order of forward positions, relative to the body, of legs 0 to 5.
 STANDARD_POSITIONS = (0.5, -0.5, -1.5, 1.0, 0.0, -1.0)
+
+# 0.5 m in under 1 s makes the machine rock on two feet; below 0.6 m/s2 it stays within a fifth of a degree.
+ACCELERATION = 0.6
+SHORTEST = 0.5
+LEAST_MARGIN = 0.3
+OVERREACH = 0.03
+"""How far (m) beyond the limits a leg may get when its foot has crept; footholds are chosen with some reserve."""
 
 
 def next_step(stance: Stance, arc: Arc, leg: int = NO_LEG, advance: float = ADVANCE) -> Step:
@@ -145,3 +167,43 @@ def body_height(feet: tuple[Foot, ...]) -> float:
 def _beside(arc: Arc, distance: float, now: Pose) -> Pose:
     """A pose on the arc at the height the body has now."""
     return replace(pose_on(arc, distance), height=now.height)
+
+
+# --- how the body follows ---------------------------------------------------------------------------------------------
+
+
+def plan_body_move(step: Step, foothold: Foot) -> BodyMove:
+    """The body's part of a step whose leg now stands on *foothold*."""
+    return plan_shift(after_step(step, foothold, step.before.pose), step.goal)
+
+
+def plan_shift(stance: Stance, goal: Pose) -> BodyMove:
+    """Move the body to the x, y, heading of *goal* at the right height over the feet of *stance*.
+
+    Raises OutOfReach or UnstableMove when the feet do not allow it.
+    """
+    goal = replace(goal, height=body_height(stance.feet))
+    there = replace(stance, pose=goal)
+    require_reach(stance_joints(there), OVERREACH)
+    margin = support_margin(there)
+    if margin < LEAST_MARGIN:
+        raise UnstableMove(
+            f"the body at x {goal.x:.2f}, y {goal.y:.2f} would be {margin:.2f} m from tipping, not {LEAST_MARGIN}"
+        )
+    return BodyMove(goal, duration(stance.pose, goal))
+
+
+def duration(start: Pose, goal: Pose) -> float:
+    """Seconds for a cosine profile whose greatest acceleration is ACCELERATION; turning counts at 2 m radius."""
+    turn = 2.0 * (goal.heading - start.heading)
+    distance = math.hypot(goal.x - start.x, goal.y - start.y, goal.height - start.height, turn)
+    return max(SHORTEST, math.pi * math.sqrt(distance / (2 * ACCELERATION)))
+
+
+def require_reach(joints: Array, tolerance: float = 0.0) -> None:
+    """Raise OutOfReach when some leg's (angle, reach, drop) is more than *tolerance* metres beyond its limits."""
+    fit = within_limits(joints, -tolerance)
+    if not fit.all():
+        leg = int(np.argmin(fit))
+        _, reach, drop = joints[leg]
+        raise OutOfReach(f"leg {leg} would need reach {reach:.2f} m, drop {drop:.2f} m")

@@ -7,11 +7,18 @@ from dataclasses import dataclass, replace
 
 from robots.ambler_sim.errors import AmblerError, NoFootfall, NoStep, OutOfReach, PathBlocked, UnstableMove
 from robots.ambler_sim.geometry import AMBLER, SHOULDER_Z, circulating_angle, circulation, offset, side_of
-from robots.ambler_sim.planning.body import plan_body_move, plan_shift
 from robots.ambler_sim.planning.checks import is_stable, margins_of_body_move, margins_of_leg_move
 from robots.ambler_sim.planning.elevation import AHEAD, SIZE, height_at
 from robots.ambler_sim.planning.footfall import choose_foothold
-from robots.ambler_sim.planning.gait import mean_height, next_leg, next_step, standard_places, with_foot
+from robots.ambler_sim.planning.gait import (
+    mean_height,
+    next_leg,
+    next_step,
+    plan_body_move,
+    plan_shift,
+    standard_places,
+    with_foot,
+)
 from robots.ambler_sim.planning.leg_recovery import plan_swing
 from robots.ambler_sim.planning.stability import conservative_margin, energy_margin
 from robots.ambler_sim.vocabulary import (

@@ -16,7 +16,7 @@ import msgspec
 from robots.ambler_sim.messages import CALIBRATE, FAULT_BEGAN, MOVE_BODY, TRAVERSE_PATH
 from robots.ambler_sim.modules.fault_injector import CENTRAL
 from robots.ambler_sim.run.rules import FOOTFALL, PLANNED_AHEAD, RULES, STABILITY
-from robots.ambler_sim.vocabulary import Footstep, Pose
+from robots.ambler_sim.vocabulary import ORIGIN, Footstep, Pose
 from tca_tools.check.checked_run import CheckedRun
 from tca_tools.check.rules import RULES as RULES_OF_TASKS
 from tca_tools.journal.fold import History
@@ -178,7 +178,7 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
     last = steps[-1] if steps else None
     return Figures(
         footsteps=len(steps),
-        way=sum(_distance(a, b) for a, b in pairwise([Pose(0, 0, 0, 0), *(step.true_pose for step in steps)])),
+        way=sum(_distance(a, b) for a, b in pairwise([ORIGIN, *(step.true_pose for step in steps)])),
         steepest=max((step.slope for step in steps), default=0.0),
         slopes=_histogram([step.slope for step in steps]),
         most_tilt=math.degrees(max((step.tilt for step in steps), default=0.0)),

@@ -26,9 +26,6 @@ from tca_module import Module, TcaError
 from tca_module.sending.task_ref import SentTask
 from tca_tools.supervise.programs import START_TIME, Programs, central_in
 
-MODULES = ("scanner", "mapper")
-RECOVERY = "error recovery"
-
 PICTURE_TIME = 300.0
 """Seconds that the last picture may take: on a busy machine without a graphics card more than half a minute."""
 
@@ -71,7 +68,7 @@ class Walk:
 
     def programs(self) -> Iterator[tuple[str, str, list[str]]]:
         """The programs beside central, controller and task manager: name, Python module and arguments."""
-        for name in MODULES if self.options.bare else (*MODULES, RECOVERY):
+        for name in ("scanner", "mapper", *([] if self.options.bare else ["error recovery"])):
             yield name, f"modules.{name}", []
         yield "gait planner", "modules.gait planner", self.arguments
         for name in PLANNERS:
