@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 from robots.ambler_sim.geometry import Array, offset, positions
 from robots.ambler_sim.vocabulary import ElevationMap, Obstacle, Scan, Stance, Window
 
-Cells = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 RESOLUTION = 0.1
@@ -61,16 +59,12 @@ def cut(ground: ElevationMap, window: Window) -> ElevationMap:
     row = round((window.x - window.reach - ground.x) / ground.resolution)
     column = round((window.y - window.reach - ground.y) / ground.resolution)
     heights, known = np.full((side, side), np.nan), np.zeros((side, side), dtype=bool)
-    here, there = overlap(ground, row + np.arange(side), column + np.arange(side))
+    rows, columns = row + np.arange(side), column + np.arange(side)
+    on_rows, on_columns = (rows >= 0) & (rows < ground.rows), (columns >= 0) & (columns < ground.columns)
+    here, there = np.ix_(on_rows, on_columns), np.ix_(rows[on_rows], columns[on_columns])
     heights[here], known[here] = heights_of(ground)[there], known_cells(ground)[there]
     x, y = ground.x + row * ground.resolution, ground.y + column * ground.resolution
     return make_map(x, y, heights, known)
-
-
-def overlap(ground: ElevationMap, rows: Cells, columns: Cells) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Of a grid whose cells have these rows and columns of a map: the cells that are on the map, here and there."""
-    on_rows, on_columns = (rows >= 0) & (rows < ground.rows), (columns >= 0) & (columns < ground.columns)
-    return np.ix_(on_rows, on_columns), np.ix_(rows[on_rows], columns[on_columns])
 
 
 def with_obstacles(ground: ElevationMap, obstacles: Iterable[Obstacle]) -> ElevationMap:
@@ -115,7 +109,9 @@ def build_elevation_map(points: Array, stance: Stance, previous: ElevationMap | 
     x, y = _corner(stance)
     heights = _cell_means(np.vstack([points, positions(stance)]), x, y)
     if previous is not None:
-        _take_over(heights, x, y, previous)
+        older = cut(previous, Window(x + SIZE / 2, y + SIZE / 2, SIZE / 2))  # by one row and column larger
+        measured = np.where(known_cells(older), heights_of(older), np.nan)[:-1, :-1]
+        heights = np.where(np.isfinite(heights), heights, measured)
     known = np.isfinite(heights)
     return make_map(x, y, _filled(heights), known)
 
@@ -140,15 +136,6 @@ def _cell_means(points: Array, x: float, y: float) -> Array:
     total = np.bincount(index, weights=points[inside, 2], minlength=side * side)
     means = np.where(count > 0, total / np.maximum(count, 1), np.nan)
     return means.reshape(side, side)
-
-
-def _take_over(heights: Array, x: float, y: float, previous: ElevationMap) -> None:
-    """Put what an earlier scan measured where this one saw nothing."""
-    rows = round((x - previous.x) / RESOLUTION) + np.arange(heights.shape[0])
-    columns = round((y - previous.y) / RESOLUTION) + np.arange(heights.shape[1])
-    here, there = overlap(previous, rows, columns)
-    older = np.where(known_cells(previous)[there], heights_of(previous)[there], np.nan)
-    heights[here] = np.where(np.isfinite(heights[here]), heights[here], older)
 
 
 def _filled(heights: Array) -> Array:
