@@ -167,7 +167,7 @@ def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]
     places = standard_places(stance, first=(blocked + len(LEGS) // 2) % len(LEGS))
     in_the_end = replace(stance, feet=places)
     moves: list[LegMove] = []
-    waiting = set(LEGS)
+    waiting: set[int] = set(LEGS)
     while safe := list(_safe_moves(ground, stance, [place for place in places if place.leg in waiting])):
         chosen = min(
             safe,
