@@ -48,7 +48,6 @@ ONLY_IN = {
     "pybullet": {
         "robots/ambler_sim/machine/ground_bodies.py",
         "robots/ambler_sim/machine/physics.py",
-        "robots/ambler_sim/machine/window.py",
         "robots/engine.py",
         "robots/youbot_sim/physics.py",
     },

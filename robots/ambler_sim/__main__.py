@@ -8,16 +8,11 @@ import sys
 import time
 from pathlib import Path
 
-from robots.ambler_sim.machine.making import BACKENDS, WITHOUT_PHYSICS, pybullet_is_installed, why_no_window
-from robots.ambler_sim.modules.controller import robot_options
-from robots.ambler_sim.modules.fault_injector import fault_options
-from robots.ambler_sim.modules.gait_planner import mode_options
+from robots.ambler_sim.machine.making import WITHOUT_PHYSICS, pybullet_is_installed, why_no_window
+from robots.ambler_sim.options import walk_options
 from robots.ambler_sim.pictures.film import why_no_film
-from robots.ambler_sim.run.walk import LAYERS, Walk, console
-from robots.show import between, parser_of, shown
-
-FARTHEST = 1500.0
-"""Metres of a walk; hills go on for a little more."""
+from robots.ambler_sim.run.walk import Walk, console
+from robots.show import shown
 
 MARKER = ".ambler-walk"
 """A file by which a folder is known to hold a walk, and locked while the walk goes on."""
@@ -25,37 +20,17 @@ MARKER = ".ambler-walk"
 
 def main() -> int:
     """The command line; the exit code."""
-    parser = parser_of("ambler", __doc__, out="walk", parents=[robot_options(), fault_options(), mode_options()])
-    parser.set_defaults(pace=10.0)
-    parser.add_argument("--distance", dest="metres", type=between(0.1, FARTHEST, "the distance"), default=6.0,
-                        metavar="METRES", help="how far to walk")  # fmt: skip
-    parser.add_argument("--arcs", type=int, help="in how many arcs; by default two or more, of about 10 m")
-    parser.add_argument(
-        "--film", type=Path, metavar="FILE", help="an animated picture of the walk: .webp, .gif or .png"
-    )
-    parser.add_argument("--film-from", type=int, default=0, metavar="STEP", help="film from that footstep on")
-    parser.add_argument(
-        "--rocks", type=int, default=0, help="how many rocks lie on the way, which the scanner does not see"
-    )
-    parser.add_argument("--without", action="append", default=[], choices=LAYERS, metavar="LAYER",
-                        help=f"leave out a layer: {', '.join(LAYERS)}")  # fmt: skip
-    parser.add_argument("--bare", action="store_true", help="without any layer, and without error recovery")
-    parser.add_argument("--swap-to", choices=BACKENDS[1:], help="the other controller of --between-arcs swap")
-    parser.add_argument("--between-arcs", choices=("swap", "ask"),
-                        help="swap: stop the controller and start another; ask: wait for Enter")  # fmt: skip
-    return shown(parser, _walk)
+    return shown(walk_options(description=__doc__), _walk)
 
 
 def _walk(options: argparse.Namespace) -> int:
-    for option, is_wanted, why_not in (
-        ("--gui", options.gui, why_no_window),
-        ("--film", options.film, lambda: why_no_film(options.film)),
-    ):
-        if is_wanted and (missing := without_physics(options) or why_not()):
-            raise SystemExit(f"ambler: {option}: {missing}")
+    if options.gui and (missing := without_physics(options) or why_no_window()):
+        raise SystemExit(f"ambler: --gui: {missing}")
+    if options.film and (missing := without_physics(options) or why_no_film(options.film)):
+        raise SystemExit(f"ambler: --film: {missing}")
     console.print(f"The Ambler walks {options.metres:g} m {_how(options)}.")
     began = time.monotonic()
-    walk = Walk(options, _fresh(options.out))
+    walk = Walk(options, sys.argv[1:], _fresh(options.out))
     tca = "tca" if shutil.which("tca") else Path(sys.executable).with_name("tca")
     look = f"{tca} view {walk.folder}/journal"
     console.print(f"Watch it in the browser: [bold]{look}[/bold]", soft_wrap=True)

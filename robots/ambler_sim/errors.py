@@ -60,8 +60,4 @@ class UnstableMove(AmblerError):
 
 
 class NoStep(AmblerError):
-    """No leg can take a footstep from here."""
-
-
-class ArcFinished(AmblerError):
-    """A step was asked for on an arc that has been walked."""
+    """No leg can take a footstep from here, or the arc has been walked."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Foot, Pose, Posture, Stance
-from robots.plane import placed
+from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Foot, Pose, Rock, Stance
+from robots.plane import placed, seen_from
 
 Array = NDArray[np.float64]
 
@@ -106,10 +106,19 @@ def offset(pose: Pose, forward: float, left: float) -> tuple[float, float]:
     return placed(pose.x, pose.y, pose.heading, forward, left)
 
 
-def turn_between(before: Array, after: Array) -> float:
-    """The angle by which points (n, 2) have turned about their middle, by least squares."""
-    a, b = before - before.mean(axis=0), after - after.mean(axis=0)
-    return math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
+def seen_by(pose: Pose, place: Pose | Foot | Rock) -> tuple[float, float]:
+    """How far ahead and to the left of the body a place is."""
+    return seen_from(pose.x, pose.y, pose.heading, place.x, place.y)
+
+
+def carried(before: Array, after: Array) -> tuple[float, Array]:
+    """The turn and then the shift that bring points (n, 2) nearest to where they are *after*, by least squares."""
+    middle, there = before.mean(axis=0), after.mean(axis=0)
+    a, b = before - middle, after - there
+    turn = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
+    cos, sin = math.cos(turn), math.sin(turn)
+    shift: Array = there - np.array([[cos, -sin], [sin, cos]]) @ middle
+    return turn, shift
 
 
 def feet_of(joints: Array, legs: Sequence[int] = LEGS) -> Array:
@@ -167,8 +176,3 @@ def positions(stance: Stance) -> Array:
 def stance_joints(stance: Stance) -> Array:
     """(angle, reach, drop) of all six legs."""
     return joints_of(to_body(stance.pose, positions(stance)))
-
-
-def posture_pose(posture: Posture) -> Pose:
-    """The pose of a posture, forgetting its tilt."""
-    return Pose(posture.x, posture.y, posture.heading, posture.z)

@@ -24,6 +24,8 @@ KINDS = (
 )
 """Of faults: of the machine, of its sensors, of the ground, of planners, of programs."""
 
+TERRAINS = ("flat", "rolling", "hills", "boulders", "ditches", "soft")
+
 
 @dataclass(frozen=True, slots=True)
 class Pose:
@@ -33,6 +35,10 @@ class Pose:
     y: float
     heading: float
     height: float
+
+
+ORIGIN = Pose(0.0, 0.0, 0.0, 0.0)
+"""Where walks begin; the height comes from the ground."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +74,7 @@ class Step:
     """One footstep: *leg* goes to about *ideal*, then the body to *goal*.
 
     *support* are the body poses during which the new foothold has to stay in reach, from now until it is lifted.
-    *remaining* metres of the arc are left after the step. The height of *goal* is not yet known (see body.py).
+    *remaining* metres of the arc are left after the step. The height of *goal* is not yet known (see gait.py).
     """
 
     leg: int
@@ -152,20 +158,17 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class Rock:
-    """An upright round stone; *height* is that of its top over the ground around it. The scanner looks
-    through it unless it may be *seen*.
-    """
+    """An upright round stone through which the scanner looks; *height* is that of its top over the ground around it."""
 
     x: float
     y: float
     radius: float
     height: float
-    seen: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class TerrainSpec:
-    """All that is needed to make the same ground again: its kind (one of TERRAINS in terrain.py), its steepest gradient
+    """All that is needed to make the same ground again: its kind (one of TERRAINS), its steepest gradient
     (rise per run), rocks, and the places (x, y) where it gave way.
     """
 
@@ -177,15 +180,19 @@ class TerrainSpec:
 
 
 @dataclass(frozen=True, slots=True)
-class Posture:
-    """Body position and attitude, and (angle, reach, drop) of each leg; angles count whole turns."""
+class Attitude:
+    """Where the body is and how it is tilted; pitch is positive nose down, roll positive left side up."""
 
-    x: float
-    y: float
-    z: float
-    roll: float
-    pitch: float
-    heading: float
+    pose: Pose
+    roll: float = 0.0
+    pitch: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Posture:
+    """The body's attitude, and (angle, reach, drop) of each leg; angles count whole turns."""
+
+    attitude: Attitude
     joints: tuple[tuple[float, float, float], ...]
 
 

@@ -7,12 +7,10 @@ import numpy as np
 
 from robots.ambler_sim.geometry import Array
 from robots.ambler_sim.machine.robot import Robot
-from robots.ambler_sim.planning.body import plan_body_move
-from robots.ambler_sim.planning.elevation import make_map
+from robots.ambler_sim.planning.elevation import RESOLUTION, build_elevation_map, make_map
 from robots.ambler_sim.planning.footfall import choose_foothold
-from robots.ambler_sim.planning.gait import body_height, next_step, standard_feet
+from robots.ambler_sim.planning.gait import body_height, next_step, plan_body_move, standard_feet
 from robots.ambler_sim.planning.leg_recovery import plan_leg_move
-from robots.ambler_sim.planning.mapping import build_elevation_map
 from robots.ambler_sim.planning.stability import support_margin
 from robots.ambler_sim.vocabulary import Arc, ElevationMap, Footfall, LegMove, Pose, Stance, Step
 
@@ -25,11 +23,11 @@ def flat(x: Array, y: Array) -> Array:
     return 0.0 * (x + y)
 
 
-def a_map(ground: Ground = flat, size: float = 12.0, resolution: float = 0.1) -> ElevationMap:
+def a_map(ground: Ground = flat, size: float = 12.0) -> ElevationMap:
     """All cells known; *ground* gives their heights."""
-    side = round(size / resolution)
-    x, y = -size / 2 + resolution * np.indices((side, side))
-    return make_map(-size / 2, -size / 2, resolution, ground(x, y), np.ones((side, side), dtype=bool))
+    side = round(size / RESOLUTION)
+    x, y = -size / 2 + RESOLUTION * np.indices((side, side))
+    return make_map(-size / 2, -size / 2, ground(x, y), np.ones((side, side), dtype=bool))
 
 
 def a_stance(pose: Pose = ORIGIN, height: float = 0.0) -> Stance:

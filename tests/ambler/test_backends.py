@@ -1,10 +1,7 @@
-"""Which simulator is taken, how time is held back, and that snapshots are never half written."""
+"""Which simulator is taken, and how time is held back."""
 
-import os
 import threading
-from pathlib import Path
 
-import msgspec
 import pytest
 from ambler.builders import a_stance, the_first_leg_move
 
@@ -12,9 +9,8 @@ from robots.ambler_sim.machine import making as robot_module
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.machine.pacing import MoveWatch, Pacer
 from robots.ambler_sim.machine.shared import Machine
-from robots.ambler_sim.machine.snapshot import load_snapshot, save_snapshot
-from robots.ambler_sim.planning.body import plan_shift
-from robots.ambler_sim.planning.mapping import points_of
+from robots.ambler_sim.planning.elevation import points_of
+from robots.ambler_sim.planning.gait import plan_shift
 from robots.ambler_sim.vocabulary import Scan, TerrainSpec
 
 
@@ -86,42 +82,11 @@ def test_idle_time_is_not_caught_up(clock: FakeClock) -> None:
 
 
 def test_a_listener_that_said_stop_is_not_asked_again() -> None:
-    asked: list[float] = []
-
-    def stop_at_once(fraction: float) -> bool:
-        asked.append(fraction)
-        return False
-
-    watch = MoveWatch(10.0, stop_at_once)
-    watch.passed(1.0)
-    watch.passed(1.0)
-    assert (asked, watch.stopped) == ([0.1], True)
-
-
-def test_there_is_no_snapshot_before_the_first_is_saved(tmp_path: Path) -> None:
-    assert load_snapshot(tmp_path / "robot.json") is None
-
-
-def test_a_failed_save_leaves_the_old_snapshot_and_no_litter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "robot.json"
-    first = make_robot("kinematic").state()
-    save_snapshot(first, path)
-
-    def full(_: int) -> None:
-        raise OSError("no space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="no space"):
-        save_snapshot(make_robot("kinematic", terrain=TerrainSpec(seed=7)).state(), path)
-    assert load_snapshot(path) == first
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_file_that_is_no_snapshot_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "robot.json"
-    path.write_text('{"backend": "kinematic"}', encoding="utf-8")
-    with pytest.raises(msgspec.ValidationError, match="missing required field"):
-        load_snapshot(path)
+    answers = iter([False])
+    watch = MoveWatch(lambda: next(answers))
+    watch.ticked()
+    watch.ticked()
+    assert watch.stopped
 
 
 def test_a_standing_robot_is_scanned_at_once() -> None:
@@ -136,15 +101,13 @@ def test_a_scan_is_taken_between_two_ticks_of_a_move_with_all_feet_on_the_ground
     move = the_first_leg_move(robot)
     scans: list[Scan] = []
     other = threading.Thread(target=lambda: scans.append(machine.scan()))
-    taken_at: list[float] = []
+    half_way = robot.time + 4.0
 
-    def on_tick(share: float) -> bool:
-        if share > 0.4 and not taken_at:
+    def on_tick() -> bool:
+        if robot.time > half_way and not scans:
             if not other.ident:
                 other.start()
             machine.tick()
-            if scans:
-                taken_at.append(share)
         return True
 
     with machine.moving(move.leg):

@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 from ambler.builders import a_map, a_stance, a_step
 
-from robots.ambler_sim.planning.body import plan_body_move
 from robots.ambler_sim.planning.checks import (
     LEAST_ENERGY,
     LEAST_SUPPORT,
@@ -15,7 +14,7 @@ from robots.ambler_sim.planning.checks import (
     margins_of_body_move,
     margins_of_leg_move,
 )
-from robots.ambler_sim.planning.gait import with_foot
+from robots.ambler_sim.planning.gait import plan_body_move, with_foot
 from robots.ambler_sim.planning.leg_recovery import plan_leg_move
 from robots.ambler_sim.vocabulary import BodyMove, Foot, Pose, Readings
 

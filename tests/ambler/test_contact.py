@@ -9,10 +9,11 @@ import pytest
 from ambler.builders import the_first_leg_move
 
 from robots.ambler_sim.errors import TerrainContact
-from robots.ambler_sim.machine.making import Backend, make_robot, pybullet_is_installed
+from robots.ambler_sim.machine.making import make_robot, pybullet_is_installed
 from robots.ambler_sim.machine.motion import BACK_OFF
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.machine.terrain import scattered_rocks
+from robots.ambler_sim.options import Backend
 from robots.ambler_sim.planning.stability import WEIGHT
 from robots.ambler_sim.vocabulary import NO_LEG, BodyMove, Contact, LegMove, Rock, TerrainSpec
 

@@ -66,7 +66,7 @@ def test_a_move_goes_on_without_central() -> None:
     sender = FakeSender(CentralLost("away"))
     display: Any = Display(robot, while_moving=True)
     move = the_first_leg_move(robot)
-    assert robot.move_leg(move, lambda _: display.tick(sender) is None).reached
+    assert robot.move_leg(move, lambda: display.tick(sender) is None).reached
     assert sender.values
 
 
@@ -75,7 +75,7 @@ def test_the_graphical_backend_goes_where_the_quick_one_goes_and_looks_different
     assert graphical.backend == "graphical"
     pictures = [graphical.drawing()]
 
-    def draw(_: float) -> bool:
+    def draw() -> bool:
         pictures.append(graphical.drawing())
         return True
 

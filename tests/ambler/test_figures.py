@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from robots.ambler_sim.run.figures import ROUND, WARM_UP, ProgramLife, Usage, recovered, walked_on
+from robots.ambler_sim.run.figures import ROUND, WARM_UP, Usage, growth_of, recovered, walked_on
 
 STEPS = [10.0 * number for number in range(1, 31)]
 
@@ -44,6 +44,5 @@ def test_memory_is_compared_within_one_life_of_a_program() -> None:
 
 
 def test_growth_is_what_came_after_the_warm_up() -> None:
-    grown = ProgramLife("mapper", 10.0, warm=(160.0, 40.0), last=(260.0, 42.5))
-    assert grown.growth == 2.5
-    assert ProgramLife("mapper", 10.0, last=(260.0, 45.0)).growth is None
+    assert growth_of([(10.0, 20.0), (100.0, 30.0), (160.0, 40.0), (260.0, 42.5)]) == 2.5
+    assert growth_of([(10.0, 20.0), (200.0, 45.0)]) is None

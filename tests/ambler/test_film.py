@@ -1,12 +1,10 @@
 """A film of a walk: when photographs are taken, and that they are put together in order."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from robots.ambler_sim import __main__ as walk
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.pictures.film import EVERY, FRAMES_PER_SECOND, SIZE, FilmCamera, join_frames
@@ -61,23 +59,3 @@ def test_photographs_are_put_together_in_order(tmp_path: Path, ending: str) -> N
 def test_no_film_without_photographs(tmp_path: Path) -> None:
     assert join_frames(tmp_path / "none", tmp_path / "film.webp") == 0
     assert not (tmp_path / "film.webp").exists()
-
-
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (["--film", "walk.mp4"], "walk.mp4 should end in one of .gif, .png, .webp"),
-        (
-            ["--film", "walk.gif", "--backend", "kinematic"],
-            "the kinematic backend has no physics to look at: leave --backend out",
-        ),
-    ],
-)
-def test_a_film_that_cannot_be_made_is_refused_at_once(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, options: list[str], told: str
-) -> None:
-    monkeypatch.setattr(walk, "pybullet_is_installed", lambda: True)
-    monkeypatch.setattr(sys, "argv", ["ambler", "--out", str(tmp_path / "walk"), *options])
-    with pytest.raises(SystemExit, match=f"^ambler: --film: {told}$"):
-        walk.main()
-    assert not (tmp_path / "walk").exists()

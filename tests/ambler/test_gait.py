@@ -9,10 +9,20 @@ from ambler.builders import ORIGIN, a_stance, a_step, an_arc
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robots.ambler_sim.errors import ArcFinished, OutOfReach, UnstableMove
+from robots.ambler_sim.errors import NoStep, OutOfReach, UnstableMove
 from robots.ambler_sim.geometry import is_left, stance_joints, within_limits
-from robots.ambler_sim.planning.body import ACCELERATION, duration, plan_body_move, plan_shift
-from robots.ambler_sim.planning.gait import ADVANCE, after_step, next_step, pose_on, progress, remaining
+from robots.ambler_sim.planning.gait import (
+    ACCELERATION,
+    ADVANCE,
+    after_step,
+    duration,
+    next_step,
+    plan_body_move,
+    plan_shift,
+    pose_on,
+    progress,
+    remaining,
+)
 from robots.ambler_sim.planning.stability import support_margin
 from robots.ambler_sim.vocabulary import LEGS, Arc, Foot, Pose, Step
 
@@ -25,7 +35,7 @@ def planned_steps(arc: Arc, count: int) -> list[Step]:
     steps, stance = [], a_stance(arc.start)
     for _ in range(count):
         steps.append(next_step(stance, arc))
-        stance = after_step(steps[-1])
+        stance = after_step(steps[-1], steps[-1].ideal, steps[-1].goal)
     return steps
 
 
@@ -66,7 +76,7 @@ def test_the_last_step_ends_where_the_arc_ends() -> None:
 
 
 def test_a_walked_arc_has_no_next_step() -> None:
-    with pytest.raises(ArcFinished, match="has been walked"):
+    with pytest.raises(NoStep, match="has been walked"):
         next_step(a_stance(Pose(5.95, 0.0, 0.0, 2.7)), an_arc(length=6.0))
 
 
@@ -90,7 +100,7 @@ def test_a_quarter_circle_ends_beside_its_start() -> None:
 def test_the_prediction_replaces_one_foot_and_the_pose() -> None:
     step = next_step(a_stance(), an_arc())
     landed = Foot(step.leg, 1.4, 2.2, 0.3)
-    stance = after_step(step, landed)
+    stance = after_step(step, landed, step.goal)
     assert stance.pose == step.goal
     assert stance.last_leg == step.leg
     assert [foot for foot in stance.feet if foot not in step.before.feet] == [landed]

@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 from ambler.builders import an_arc, take_steps
 
-from robots.ambler_sim.machine.making import Backend, make_robot, pybullet_is_installed
+from robots.ambler_sim.machine.making import make_robot, pybullet_is_installed
+from robots.ambler_sim.options import Backend
 from robots.ambler_sim.vocabulary import BodyMove, Fault, TerrainSpec
 
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from robots.ambler_sim.geometry import Array
 from robots.ambler_sim.machine.making import make_robot
-from robots.ambler_sim.planning.elevation import height_at, heights_of, known_cells
-from robots.ambler_sim.planning.mapping import build_elevation_map
+from robots.ambler_sim.planning.elevation import build_elevation_map, height_at, heights_of, known_cells
 from robots.ambler_sim.vocabulary import BodyMove, Pose, TerrainSpec
 
 NO_POINTS = np.empty((0, 3))
@@ -85,7 +84,7 @@ def test_an_image_that_is_taken_while_the_body_moves_is_blurred() -> None:
     blurred: list[Array] = []
     goal = replace(start, x=start.x + 0.4)
 
-    def look(_: float) -> bool:
+    def look() -> bool:
         (blurred if len(sharp) else sharp).append(robot.scan())
         return True
 

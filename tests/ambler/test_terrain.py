@@ -5,10 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robots.ambler_sim.machine.making import START
 from robots.ambler_sim.machine.plant import standing_posture
-from robots.ambler_sim.machine.terrain import TERRAINS, Terrain
-from robots.ambler_sim.vocabulary import Rock, TerrainSpec
+from robots.ambler_sim.machine.terrain import Terrain
+from robots.ambler_sim.vocabulary import ORIGIN, TERRAINS, Rock, TerrainSpec
 
 
 @given(st.integers(0, 10**6), st.floats(0.02, 0.4), st.floats(-0.6, 0.6))
@@ -55,7 +54,7 @@ def test_ground_may_be_soft() -> None:
 def test_rays_in_the_physics_engine_end_on_the_terrain_wherever_its_middle_height_is() -> None:
     physics = pytest.importorskip("robots.ambler_sim.machine.physics", exc_type=ImportError)
     terrain = Terrain(TerrainSpec(seed=9, slope=0.3))
-    plant = physics.BulletPlant(terrain, standing_posture(terrain, START))
+    plant = physics.BulletPlant(terrain, standing_posture(terrain, ORIGIN))
     directions = np.array([[0.6, 0.0, -0.8], [0.36, 0.48, -0.8], [0.0, -0.8, -0.6], [0.0, 0.0, 1.0]])
     origin = np.array([1.0, 0.5, 5.0])
     hits = origin + plant.cast(origin, directions, 14.0)[:, None] * directions

@@ -9,9 +9,9 @@ from ambler.builders import ORIGIN, a_map, a_stance, a_step, an_arc
 
 from robots.ambler_sim import vocabulary
 from robots.ambler_sim.machine.making import make_robot
-from robots.ambler_sim.planning.body import plan_body_move
+from robots.ambler_sim.planning.elevation import pack_scan
+from robots.ambler_sim.planning.gait import plan_body_move
 from robots.ambler_sim.planning.leg_recovery import plan_leg_move
-from robots.ambler_sim.planning.mapping import pack_scan
 from robots.ambler_sim.vocabulary import (
     Contact,
     Fault,
@@ -49,6 +49,7 @@ EXAMPLES = [
     ROBOT.readings(),
     ROBOT.state(),
     ROBOT.state().posture,
+    ROBOT.state().posture.attitude,
 ]
 
 

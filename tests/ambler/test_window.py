@@ -1,4 +1,4 @@
-"""Physics in a window: why there is none is said before anything is started."""
+"""Walks in a window or on film: why there is none is said before anything is started."""
 
 import sys
 from pathlib import Path
@@ -7,33 +7,29 @@ import pytest
 
 from robots.ambler_sim import __main__ as walk
 
+NO_SCREEN = "--gui: it needs a screen, and there is none here: $DISPLAY is not set"
+NO_ENGINE = "--gui: it needs PyBullet, which is not installed here"
+NO_PHYSICS = "the kinematic backend has no physics to look at: leave --backend out"
 
-def refusal(monkeypatch: pytest.MonkeyPatch, folder: Path, *options: str) -> str:
-    """What a walk in a window is refused with, when nothing has been started and written yet."""
-    monkeypatch.setattr(sys, "argv", ["ambler", "--gui", "--out", str(folder), *options])
+
+@pytest.mark.parametrize(
+    ("options", "has_engine", "display", "told"),
+    [
+        (["--gui"], True, "", NO_SCREEN),
+        (["--gui"], False, ":0", NO_ENGINE),
+        (["--gui", "--backend", "kinematic"], True, ":0", f"--gui: {NO_PHYSICS}"),
+        (["--film", "walk.gif", "--backend", "kinematic"], True, "", f"--film: {NO_PHYSICS}"),
+        (["--film", "walk.mp4"], True, "", "--film: walk.mp4 should end in one of .gif, .png, .webp"),
+    ],
+)
+def test_a_walk_that_cannot_be_seen_is_refused_at_once(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, options: list[str], has_engine: bool, display: str, told: str
+) -> None:
+    monkeypatch.setattr(walk, "pybullet_is_installed", lambda: has_engine)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv("DISPLAY", display)
+    monkeypatch.setattr(sys, "argv", ["ambler", "--out", str(tmp_path / "walk"), *options])
     with pytest.raises(SystemExit) as refused:
         walk.main()
-    assert not folder.exists()
-    return str(refused.value)
-
-
-def test_without_a_screen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(walk, "pybullet_is_installed", lambda: True)
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.delenv("DISPLAY", raising=False)
-    told = refusal(monkeypatch, tmp_path / "walk")
-    assert told == "ambler: --gui: it needs a screen, and there is none here: $DISPLAY is not set"
-
-
-def test_without_the_engine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(walk, "pybullet_is_installed", lambda: False)
-    monkeypatch.setenv("DISPLAY", ":0")
-    told = refusal(monkeypatch, tmp_path / "walk")
-    assert told == "ambler: --gui: it needs PyBullet, which is not installed here"
-
-
-def test_without_physics(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(walk, "pybullet_is_installed", lambda: True)
-    monkeypatch.setenv("DISPLAY", ":0")
-    told = refusal(monkeypatch, tmp_path / "walk", "--backend", "kinematic")
-    assert told == "ambler: --gui: the kinematic backend has no physics to look at: leave --backend out"
+    assert str(refused.value) == f"ambler: {told}"
+    assert not (tmp_path / "walk").exists()

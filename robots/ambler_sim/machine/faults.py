@@ -96,26 +96,17 @@ class FaultyPlant:
 
     def encoder_offsets(self) -> tuple[float, ...]:
         """By how much (m) each leg's relative encoder is off its absolute one."""
-        return tuple(
-            next(
-                (fault.size or DRIFT for fault in self.faults if (fault.kind, fault.leg) == ("encoder drift", leg)), 0.0
-            )
-            for leg in LEGS
-        )
+        drifts = {fault.leg: fault.size or DRIFT for fault in reversed(self.faults) if fault.kind == "encoder drift"}
+        return tuple(drifts.get(leg, 0.0) for leg in LEGS)
 
     # --- the plant ---------------------------------------------------------------------------------------------------
 
     def drive(self, joints: Array, rates: Array) -> None:
         """A leg whose amplifier is off or whose joint is stuck stays where it is: its brakes hold it."""
-        if any(fault.kind in MACHINE_KINDS for fault in self.faults):
-            offsets = self._offsets()
-            joints, now = joints - offsets, self.plant.joints()
-            for leg in LEGS:
-                if self.has("amplifier trip", leg) or self.has("stuck joint", leg):
-                    joints[leg], rates = now[leg], _slowed(rates, leg, 0.0)
-                elif self.has("motion fault", leg):
-                    joints[leg] = now[leg] + LAG * (joints[leg] - now[leg])
-                    rates = _slowed(rates, leg, LAG)
+        joints, shares = joints - self._offsets(), self._mobility()
+        if shares.min() < 1.0:
+            now = self.plant.joints()
+            joints, rates = np.where(shares < 1.0, now + shares * (joints - now), joints), shares * rates
         self.plant.drive(joints, rates)
 
     def joints(self) -> Array:
@@ -168,13 +159,16 @@ class FaultyPlant:
         """Where body and feet really are, or would be with these joints."""
         return stance_of(self.plant.attitude().pose, self.plant.joints() if joints is None else joints)
 
+    def _mobility(self) -> Array:
+        """The share of its speed that each leg has left, (6, 1)."""
+        left = [
+            0.0 if self.has("amplifier trip", leg) or self.has("stuck joint", leg)
+            else LAG if self.has("motion fault", leg) else 1.0
+            for leg in LEGS
+        ]  # fmt: skip
+        return np.array(left)[:, None]
+
     def _offsets(self) -> Array:
         offsets = np.zeros((len(LEGS), 3))
         offsets[:, 1] = self.encoder_offsets()
         return offsets
-
-
-def _slowed(rates: Array, leg: int, share: float) -> Array:
-    rates = rates.copy()
-    rates[leg] *= share
-    return rates

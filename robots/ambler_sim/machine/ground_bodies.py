@@ -52,7 +52,8 @@ class GroundBodies:
         self._tiles: dict[tuple[int, int], Tile] = {}
         self._spare: list[Tile] = []
         self._around: tuple[int, int, int, int] | None = None
-        self.rocks = [self._make_rock(rock) for rock in terrain.spec.rocks]
+        for rock in terrain.spec.rocks:
+            self._make_rock(rock)
         self._added: deque[int] = deque()
 
     @property
@@ -78,11 +79,8 @@ class GroundBodies:
     def add(self, rock: Rock) -> None:
         """Put a rock onto the ground; the oldest ones that were added go."""
         self._added.append(self._make_rock(rock))
-        self.rocks.append(self._added[-1])
         if len(self._added) > MOST_ADDED:
-            oldest = self._added.popleft()
-            self.rocks.remove(oldest)
-            self._engine.removeBody(oldest)
+            self._engine.removeBody(self._added.popleft())
 
     def remake(self, x: float, y: float) -> None:
         """The ground around a point has changed."""
@@ -140,6 +138,5 @@ class GroundBodies:
         )
         place = rock.x, rock.y, self._terrain.top(rock) - height / 2
         body: int = self._engine.createMultiBody(0, shape, look, basePosition=place)
-        group = 1 if rock.seen else UNSEEN
-        self._engine.setCollisionFilterGroupMask(body, -1, group, -1)
+        self._engine.setCollisionFilterGroupMask(body, -1, UNSEEN, -1)
         return body

@@ -5,8 +5,6 @@ the balance of weight and foot forces, with the same foot stiffness as in the ph
 """
 
 import math
-from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -15,18 +13,16 @@ from robots.ambler_sim.geometry import (
     SHAFT_Y,
     SHOULDER_Z,
     Array,
+    carried,
     feet_of,
-    posture_pose,
-    stance_of,
     to_body,
     to_world,
-    turn_between,
+    unwrap,
 )
-from robots.ambler_sim.machine.plant import Attitude
+from robots.ambler_sim.machine.plant import Plant
 from robots.ambler_sim.machine.terrain import STANDS_ON, Terrain
-from robots.ambler_sim.pictures.drawing import draw
 from robots.ambler_sim.planning.stability import WEIGHT, centre_of_gravity
-from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Rock
+from robots.ambler_sim.vocabulary import LEGS, Attitude, Pose, Posture
 
 RAY_STEP = 0.25
 LEAST_FEET = 3
@@ -37,17 +33,17 @@ SOFT = 1e-6 * np.eye(3)
 """Keeps the equations solvable while fewer than three feet touch the ground."""
 
 
-class KinematicPlant:
-    """A mechanism that is always in equilibrium."""
+class KinematicPlant(Plant):
+    """A mechanism that is always in equilibrium. By the name of "graphical" it is the same, but shown as it moves."""
 
-    name = "kinematic"
     tick = 0.025
 
-    def __init__(self, terrain: Terrain, posture: Posture) -> None:
+    def __init__(self, terrain: Terrain, posture: Posture, name: str = "kinematic") -> None:
+        self.name = name
         self._terrain = terrain
         self._joints = np.array(posture.joints)
-        self._pose = posture_pose(posture)
-        self._roll, self._pitch = posture.roll, posture.pitch
+        self._pose = posture.attitude.pose
+        self._roll, self._pitch = posture.attitude.roll, posture.attitude.pitch
         self._loads = np.zeros(6)
         self._anchors = to_world(self._pose, feet_of(self._joints))[:, :2]
         self._stand(feet_of(self._joints))
@@ -93,6 +89,9 @@ class KinematicPlant:
         """The pose in equilibrium."""
         return Attitude(self._pose, self._roll, self._pitch)
 
+    def close(self) -> None:
+        """Nothing to free."""
+
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
         """March along each ray until it is below the ground, then cut the last stretch linearly."""
         distances = np.arange(RAY_STEP, limit, RAY_STEP)
@@ -105,35 +104,13 @@ class KinematicPlant:
         share = np.divide(high, high - low, out=np.zeros_like(high), where=high > low)
         return np.where(below.any(axis=1) & (first > 0), distances[first] - RAY_STEP * (1 - share), np.nan)
 
-    def add_rock(self, rock: Rock) -> None:
-        """It is felt by feet that run into it."""
-        self._terrain.add(rock)
-
-    def give_way(self, x: float, y: float) -> None:
-        """The ground falls in, and with it the foot that stands there."""
-        self._terrain.give_way(x, y)
-
-    def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:  # noqa: ARG002
-        """A drawing from the side and from above, as SVG, which has any size."""
-        stance = stance_of(self._pose, self._joints)
-        written = path.with_suffix(".svg")
-        written.write_text(draw(stance, self._terrain, trail), encoding="utf-8")
-        return written
-
-    def close(self) -> None:
-        """Nothing to free."""
-
     def _carry(self, feet: Array) -> None:
         """The horizontal pose that brings the loaded feet back onto their anchors (least squares)."""
         firm = self._loads > 0
         if firm.sum() < LEAST_FEET:
             return
-        body, world = feet[firm, :2], self._anchors[firm]
-        heading = turn_between(body, world)
-        cos, sin = math.cos(heading), math.sin(heading)
-        x, y = world.mean(axis=0) - np.array([[cos, -sin], [sin, cos]]) @ body.mean(axis=0)
-        turned = self._pose.heading + math.remainder(heading - self._pose.heading, math.tau)
-        self._pose = Pose(float(x), float(y), turned, self._pose.height)
+        heading, (x, y) = carried(feet[firm, :2], self._anchors[firm])
+        self._pose = Pose(float(x), float(y), unwrap(heading, self._pose.heading), self._pose.height)
 
     def _stand(self, feet: Array) -> None:
         """Height, roll and pitch at which the springs of the feet below ground bear the weight."""

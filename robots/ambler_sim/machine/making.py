@@ -1,22 +1,17 @@
 """How to get a robot: with physics where it can be had, else without."""
 
-import importlib
 import importlib.util
 import os
 import sys
-from typing import Literal, get_args
 
-from robots.ambler_sim.machine.graphical import GraphicalPlant
 from robots.ambler_sim.machine.kinematic import KinematicPlant
 from robots.ambler_sim.machine.plant import Plant, standing_posture
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.machine.terrain import Terrain
-from robots.ambler_sim.vocabulary import Pose, Posture, Snapshot, TerrainSpec
+from robots.ambler_sim.options import Backend
+from robots.ambler_sim.vocabulary import ORIGIN, Pose, Posture, Snapshot, TerrainSpec
 
-Backend = Literal["auto", "pybullet", "kinematic", "graphical"]
-BACKENDS: tuple[Backend, ...] = get_args(Backend)
-WITHOUT_PHYSICS = {plant.name: plant for plant in (KinematicPlant, GraphicalPlant)}
-START = Pose(0.0, 0.0, 0.0, 0.0)
+WITHOUT_PHYSICS = ("kinematic", "graphical")
 
 
 def make_robot(
@@ -25,7 +20,7 @@ def make_robot(
     terrain: TerrainSpec | None = None,
     pace: float = 0.0,
     state: Snapshot | None = None,
-    start: Pose = START,
+    start: Pose = ORIGIN,
     window: bool = False,
 ) -> Robot:
     """A robot standing at *start* on new ground, or where the snapshot *state* left it (whose terrain then counts).
@@ -60,8 +55,7 @@ def _chosen(backend: Backend, state: Snapshot | None) -> str:
 
 def _make_plant(backend: str, terrain: Terrain, posture: Posture, *, window: bool) -> Plant:
     if backend in WITHOUT_PHYSICS:
-        return WITHOUT_PHYSICS[backend](terrain, posture)
-    # Imported late: these modules need PyBullet, which may not be installed.
-    module, name = ("window", "BulletWindow") if window else ("physics", "BulletPlant")
-    plant: Plant = getattr(importlib.import_module(f"robots.ambler_sim.machine.{module}"), name)(terrain, posture)
-    return plant
+        return KinematicPlant(terrain, posture, backend)
+    from robots.ambler_sim.machine import physics  # noqa: PLC0415 - it needs PyBullet, which may not be installed
+
+    return physics.BulletWindow(terrain, posture) if window else physics.BulletPlant(terrain, posture)

@@ -96,11 +96,6 @@ def make_segment(start: Array, end: Array) -> Segment:
     return Segment(start, end, max(slowest * math.pi / 2, math.pi * math.sqrt(laziest / 2), SHORTEST))
 
 
-def expected_seconds(segments: list[Segment]) -> float:
-    """How long a leg move takes when the ground is where it is expected."""
-    return sum(segment.duration for segment in segments) + GUARD / GUARDED_SPEED
-
-
 def blend(start: Pose, goal: Pose, share: float) -> Pose:
     """A pose between two; the heading goes the short way."""
     turn = math.remainder(goal.heading - start.heading, math.tau)

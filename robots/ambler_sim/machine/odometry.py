@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from robots.ambler_sim.geometry import Array, feet_of, turn_between
+from robots.ambler_sim.geometry import Array, carried, feet_of
 from robots.ambler_sim.vocabulary import Pose
 from robots.plane import placed
 
@@ -24,10 +24,7 @@ class Odometry:
         """The pose now, by how the standing feet have moved relative to the body since the last fix."""
         standing = [leg for leg in range(len(joints)) if leg not in airborne]
         then, now = self._feet[standing], feet_of(joints)[standing]
-        turn = turn_between(now[:, :2], then[:, :2])
-        cos, sin = math.cos(turn), math.sin(turn)
-        # The way of the body, in its own frame at the last fix.
-        way = then[:, :2].mean(axis=0) - np.array([[cos, -sin], [sin, cos]]) @ now[:, :2].mean(axis=0)
+        turn, way = carried(now[:, :2], then[:, :2])  # of the body, in its own frame at the last fix
         rise = float((then[:, 2] - now[:, 2]).mean())
         dx, dy = placed(0.0, 0.0, self._pose.heading, float(way[0]), float(way[1]))
         return Pose(self._pose.x + dx, self._pose.y + dy, self._pose.heading + turn, self._pose.height + rise)

@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable
 
-OnTick = Callable[[float], bool]
-"""Called during a move with the fraction done (0 to 1); answering False stops the move safely."""
+OnTick = Callable[[], bool]
+"""Called at each tick of a move; answering False stops the move safely."""
 
 LEAST_SLEEP = 0.005
 
@@ -31,20 +31,18 @@ class Pacer:
 
 
 class MoveWatch:
-    """Follows one move of known length and remembers whether it was told to stop."""
+    """Follows one move and remembers whether it was told to stop."""
 
-    def __init__(self, seconds: float, on_tick: OnTick | None) -> None:
-        self._seconds, self._on_tick = seconds, on_tick
-        self._elapsed = 0.0
+    def __init__(self, on_tick: OnTick | None = None) -> None:
+        self._on_tick = on_tick
         self.stopped = False
         self.tilt = 0.0
         """The inclination (rad) of the body for which the move was stopped, if it was."""
 
-    def passed(self, seconds: float) -> None:
-        """Tell the listener; once it has said stop it is not asked again."""
-        self._elapsed += seconds
+    def ticked(self) -> None:
+        """Ask the listener; once it has said stop it is not asked again."""
         if self._on_tick is not None and not self.stopped:
-            self.stopped = not self._on_tick(min(self._elapsed / self._seconds, 1.0))
+            self.stopped = not self._on_tick()
 
     def tilted(self, tilt: float) -> None:
         """Stop: the body tilts too much."""

@@ -1,6 +1,9 @@
 """The Ambler in PyBullet: rigid-body dynamics, motors, compliant feet."""
 
+import math
+import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +11,12 @@ import pybullet
 
 from robots.ambler_sim.geometry import AMBLER, Array, unwrap
 from robots.ambler_sim.machine.ground_bodies import UNSEEN, GroundBodies
-from robots.ambler_sim.machine.plant import Attitude, rotation_matrix
+from robots.ambler_sim.machine.plant import Plant, rotation_matrix
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.machine.urdf import EFFORT, ambler_urdf
 from robots.ambler_sim.pictures import photograph
-from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Rock
-from robots.engine import BulletWorld
+from robots.ambler_sim.vocabulary import LEGS, Attitude, Foot, Pose, Posture, Rock
+from robots.engine import BulletWorld, Engine
 from robots.rendering import SIZE, write_png
 
 # 1/240 s brings nothing but cost; with 10 iterations the feet creep twice as much, 50 gain nothing.
@@ -22,8 +25,17 @@ ITERATIONS = 20
 POSITION_GAIN, VELOCITY_GAIN = 0.1, 1.0
 JOINTS_PER_LEG = ("shoulder", "extension", "vertical")
 
+WINDOW = (
+    "--width=1200 --height=800 --background_color_red=0.78 --background_color_green=0.85 --background_color_blue=0.92"
+)
+AWAY, SIDEWAYS, DOWN = 9.0, 50.0, -16.0
+"""Of the camera: metres from the robot, and degrees to the robot's direction and to the horizon."""
 
-class BulletPlant(BulletWorld):
+BETWEEN_LOOKS = 0.04
+"""Seconds between two moves of the camera."""
+
+
+class BulletPlant(BulletWorld, Plant):
     """A simulated mechanism and its ground, in a physics world of its own."""
 
     name = "pybullet"
@@ -35,7 +47,8 @@ class BulletPlant(BulletWorld):
         super().__init__(TICK)
         self._engine.setPhysicsEngineParameter(numSolverIterations=ITERATIONS)
         self._ground = GroundBodies(self._engine, terrain)
-        self._ground.follow(posture.x, posture.y)
+        start = posture.attitude.pose
+        self._ground.follow(start.x, start.y)
         self._robot = self._load(ambler_urdf())
         self._centre = np.array(self._engine.getDynamicsInfo(self._robot, -1)[3])
         names = self._joint_numbers()
@@ -44,23 +57,14 @@ class BulletPlant(BulletWorld):
         self._leg_of_link = {motor: number // len(JOINTS_PER_LEG) for number, motor in enumerate(self._motors)}
         self._firmness = np.ones(len(LEGS))
         self._prepare_joints()
-        self._heading = posture.heading
+        self._heading = start.heading
         self._assume(posture)
 
     def drive(self, joints: Array, rates: Array) -> None:
         """Let the motors work towards *joints* for one tick; *rates* are fed forward so that they do not lag."""
         if self._terrain.has_soft_ground:
             self._sink()
-        self._engine.setJointMotorControlArray(
-            self._robot,
-            self._motors,
-            pybullet.POSITION_CONTROL,
-            targetPositions=joints.ravel().tolist(),
-            targetVelocities=rates.ravel().tolist(),
-            forces=self._efforts,
-            positionGains=self._position_gains,
-            velocityGains=self._velocity_gains,
-        )
+        self._command(targetPositions=joints.ravel().tolist(), targetVelocities=rates.ravel().tolist())
         self._engine.stepSimulation()
 
     def joints(self) -> Array:
@@ -89,7 +93,8 @@ class BulletPlant(BulletWorld):
         """The true position of the body: as from a perfect inertial sensor."""
         place, turn = self._engine.getBasePositionAndOrientation(self._robot)
         roll, pitch, heading = pybullet.getEulerFromQuaternion(turn)
-        x, y, z = np.array(place) - rotation_matrix(roll, pitch, heading) @ self._centre
+        turned = rotation_matrix(Attitude(Pose(0.0, 0.0, heading, 0.0), roll, pitch))
+        x, y, z = np.array(place) - turned @ self._centre
         self._heading = unwrap(heading, self._heading)
         self._ground.follow(float(x), float(y))
         return Attitude(Pose(float(x), float(y), self._heading, float(z)), roll, pitch)
@@ -102,25 +107,24 @@ class BulletPlant(BulletWorld):
         return np.array([limit * hit[2] if hit[0] in ground else np.nan for hit in hits])
 
     def add_rock(self, rock: Rock) -> None:
-        """It is felt by what runs into it."""
-        self._terrain.add(rock)
+        """Put a body onto the ground as well."""
+        super().add_rock(rock)
         self._ground.add(rock)
 
     def give_way(self, x: float, y: float) -> None:
-        """The ground falls in, and with it the foot that stands there."""
-        self._terrain.give_way(x, y)
+        """Lay the tiles there anew."""
+        super().give_way(x, y)
         self._ground.remake(x, y)
 
-    def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:
-        """A photograph from ahead and above, as PNG. It is taken twice as large: the renderer draws hard edges."""
+    def photograph(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> bool:
+        """From ahead and above. It is taken twice as large: the renderer draws hard edges."""
         pose = self.attitude().pose
         ground = list(self._ground.tiles)
         frame = self._frame(photograph.camera_for(pose), (2 * size[0], 2 * size[1]), ground)
         shadows = photograph.SHADOW_SIZE * size[0] // SIZE[0]
         from_sun = self._frame(photograph.sun_over(pose), (shadows, shadows), ground)
-        written = path.with_suffix(".png")
-        write_png(written, photograph.develop(frame, from_sun, self._terrain, trail))
-        return written
+        write_png(path, photograph.develop(frame, from_sun, self._terrain, trail))
+        return True
 
     def _sink(self) -> None:
         """Feet on soft ground stand on softer springs."""
@@ -143,9 +147,11 @@ class BulletPlant(BulletWorld):
         """Motor limits and gains; no damping beside the motors'; a force sensor over each foot. Links collide, but the
         scanner does not see them.
         """
-        self._efforts = [EFFORT[joint] for _ in LEGS for joint in JOINTS_PER_LEG]
-        self._position_gains = [POSITION_GAIN] * len(self._motors)
-        self._velocity_gains = [VELOCITY_GAIN] * len(self._motors)
+        self._command = partial(
+            self._engine.setJointMotorControlArray, self._robot, self._motors, pybullet.POSITION_CONTROL,
+            forces=[EFFORT[joint] for _ in LEGS for joint in JOINTS_PER_LEG],
+            positionGains=[POSITION_GAIN] * len(self._motors), velocityGains=[VELOCITY_GAIN] * len(self._motors),
+        )  # fmt: skip
         for link in (-1, *self._motors, *self._feet):
             self._engine.changeDynamics(self._robot, link, linearDamping=0, angularDamping=0, jointDamping=0)
         for link in (-1, *self._motors):
@@ -155,11 +161,37 @@ class BulletPlant(BulletWorld):
 
     def _assume(self, posture: Posture) -> None:
         """Put the body and all joints where *posture* says, at rest."""
-        joints = np.array(posture.joints)
-        turn = rotation_matrix(posture.roll, posture.pitch, posture.heading)
-        place = np.array([posture.x, posture.y, posture.z]) + turn @ self._centre
-        quaternion = pybullet.getQuaternionFromEuler((posture.roll, posture.pitch, posture.heading))
+        joints, attitude, pose = np.array(posture.joints), posture.attitude, posture.attitude.pose
+        place = np.array([pose.x, pose.y, pose.height]) + rotation_matrix(attitude) @ self._centre
+        quaternion = pybullet.getQuaternionFromEuler((attitude.roll, attitude.pitch, pose.heading))
         self._engine.resetBasePositionAndOrientation(self._robot, place.tolist(), quaternion)
         for motor, position in zip(self._motors, joints.ravel().tolist(), strict=True):
             self._engine.resetJointState(self._robot, motor, position)
         self.drive(joints, np.zeros_like(joints))
+
+
+class BulletWindow(BulletPlant):
+    """The same in PyBullet's own window, for people with a screen. The camera walks along with the robot."""
+
+    def __init__(self, terrain: Terrain, posture: Posture) -> None:
+        self._looked_at = 0.0
+        super().__init__(terrain, posture)
+        for panel in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_MOUSE_PICKING):
+            self._engine.configureDebugVisualizer(panel, 0)
+
+    def connect(self, tick: float) -> Engine:
+        """A physics world in a window; it is drawn by a thread of the engine's own."""
+        return Engine(pybullet.GUI, tick, options=WINDOW)
+
+    def attitude(self) -> Attitude:
+        """Position and inclination of the body; the camera goes there."""
+        attitude = super().attitude()
+        if (now := time.monotonic()) > self._looked_at + BETWEEN_LOOKS:
+            self._looked_at = now
+            self._look_at(attitude.pose)
+        return attitude
+
+    def _look_at(self, pose: Pose) -> None:
+        """The engine's yaw is that of a camera that looks along y."""
+        yaw = math.degrees(pose.heading) + 90 + SIDEWAYS
+        self._engine.resetDebugVisualizerCamera(AWAY, yaw, DOWN, (pose.x, pose.y, pose.height - 0.8))

@@ -1,7 +1,6 @@
 """The interface of a simulated mechanism to its controller: joints to drive and sensors to read, one tick at a time."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -10,23 +9,15 @@ import numpy as np
 from robots.ambler_sim.geometry import BODY_HEIGHT, Array, joints_of, to_body
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.planning.gait import standard_feet
-from robots.ambler_sim.vocabulary import Foot, Pose, Posture, Rock
-
-
-@dataclass(frozen=True, slots=True)
-class Attitude:
-    """Where the body is and how it is tilted; pitch is positive nose down, roll positive left side up."""
-
-    pose: Pose
-    roll: float
-    pitch: float
+from robots.ambler_sim.vocabulary import Attitude, Foot, Pose, Posture, Rock
 
 
 class Plant(Protocol):
-    """A mechanism with 18 driven joints; arrays are (6, 3): angle, reach, drop per leg."""
+    """A mechanism with 18 driven joints, on its ground; arrays are (6, 3): angle, reach, drop per leg."""
 
     name: str
     tick: float
+    _terrain: Terrain
 
     def drive(self, joints: Array, rates: Array) -> None:
         """Command joint positions and speeds, and let one tick pass."""
@@ -50,13 +41,16 @@ class Plant(Protocol):
         """The distance to the ground along each unit direction; NaN where there is none within *limit* metres."""
 
     def add_rock(self, rock: Rock) -> None:
-        """Put a rock that the scanner does not see onto the ground."""
+        """Put a rock that the scanner does not see onto the ground; what runs into it feels it."""
+        self._terrain.add(rock)
 
     def give_way(self, x: float, y: float) -> None:
-        """Let the ground around a point fall in."""
+        """Let the ground around a point fall in, and with it the foot that stands there."""
+        self._terrain.give_way(x, y)
 
-    def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:
-        """Draw robot, ground and footprints, in about that size; returns the path written, whose ending may differ."""
+    def photograph(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> bool:  # noqa: ARG002
+        """Photograph robot, ground and footprints as a PNG file of that size; False if there is no camera."""
+        return False
 
     def close(self) -> None:
         """Free what the simulator holds."""
@@ -68,19 +62,18 @@ def standing_posture(terrain: Terrain, start: Pose) -> Posture:
     flat[:, 2] = terrain.heights_at(flat[:, 0], flat[:, 1])
     height = float(flat[:, 2].mean()) + BODY_HEIGHT
     pose = Pose(start.x, start.y, start.heading, height)
-    return make_posture(Attitude(pose, 0.0, 0.0), joints_of(to_body(pose, flat)))
+    return make_posture(Attitude(pose), joints_of(to_body(pose, flat)))
 
 
 def make_posture(attitude: Attitude, joints: Array) -> Posture:
     """Attitude and joints as plain data."""
-    pose = attitude.pose
-    rows = tuple((float(angle), float(reach), float(drop)) for angle, reach, drop in joints)
-    return Posture(pose.x, pose.y, pose.height, attitude.roll, attitude.pitch, pose.heading, rows)
+    return Posture(attitude, tuple((float(angle), float(reach), float(drop)) for angle, reach, drop in joints))
 
 
-def rotation_matrix(roll: float, pitch: float, heading: float) -> Array:
+def rotation_matrix(attitude: Attitude) -> Array:
     """Body to world: first roll about x, then pitch about y, then heading about z."""
-    (cr, sr), (cp, sp), (ch, sh) = ((np.cos(a), np.sin(a)) for a in (roll, pitch, heading))
+    angles = attitude.roll, attitude.pitch, attitude.pose.heading
+    (cr, sr), (cp, sp), (ch, sh) = ((np.cos(angle), np.sin(angle)) for angle in angles)
     return np.array(
         [
             [ch * cp, ch * sp * sr - sh * cr, ch * sp * cr + sh * sr],

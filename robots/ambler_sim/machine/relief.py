@@ -6,7 +6,7 @@ than the given slope, and any longer walk comes through places that are.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
 from random import Random
 
 import numpy as np
@@ -67,14 +67,6 @@ class Profile:
         return heights
 
 
-@dataclass(frozen=True, slots=True)
-class _Wave:
-    x: float
-    y: float
-    phase: float
-    height: float
-
-
 class Relief:
     """The ground of one kind and seed; *slope* is the steepest rise per run."""
 
@@ -95,7 +87,7 @@ class Relief:
             first, second = self._profiles
             heights += first.heights(cos * x + sin * y) + second.heights(cos * y - sin * x)
             for wave in self._waves:
-                heights += wave.height * np.sin(wave.x * x + wave.y * y + wave.phase)
+                heights += wave(x, y)
         if self.kind == "boulders":
             heights += self._boulders(x, y)
         if self.kind == "ditches":
@@ -132,12 +124,12 @@ class Relief:
         return inside
 
 
-def _wave(random: Random, steepness: float) -> _Wave:
-    length, direction = random.uniform(2.5, 6.0), random.uniform(0.0, math.pi)
+def _wave(random: Random, steepness: float) -> Callable[[Array, Array], Array]:
+    """The heights of waves of one length and direction."""
+    length, direction, phase = random.uniform(2.5, 6.0), random.uniform(0.0, math.pi), random.uniform(0, math.tau)
     number = math.tau / length
-    return _Wave(
-        number * math.cos(direction), number * math.sin(direction), random.uniform(0, math.tau), steepness / number
-    )
+    along_x, along_y = number * math.cos(direction), number * math.sin(direction)
+    return lambda x, y: steepness / number * np.sin(along_x * x + along_y * y + phase)
 
 
 def _ditches(along: Array) -> Array:

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,13 @@ from robots.ambler_sim.errors import AmplifierTripped, JointFault, TerrainContac
 from robots.ambler_sim.geometry import AMBLER, Array, feet_of, joints_of, stance_of, to_body, to_world
 from robots.ambler_sim.machine import motion, scanner
 from robots.ambler_sim.machine.faults import FaultyPlant
-from robots.ambler_sim.machine.motion import ROTATING, blend, ease, expected_seconds, leg_segments
+from robots.ambler_sim.machine.motion import ROTATING, blend, ease, leg_segments
 from robots.ambler_sim.machine.odometry import Odometry, compass
 from robots.ambler_sim.machine.pacing import MoveWatch, OnTick, Pacer
 from robots.ambler_sim.machine.plant import Plant, make_posture
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.pictures.drawing import draw
-from robots.ambler_sim.planning.body import require_reach
+from robots.ambler_sim.planning.gait import require_reach
 from robots.ambler_sim.planning.stability import least_norm_loads, support_margin
 from robots.ambler_sim.vocabulary import (
     LEGS,
@@ -134,7 +135,7 @@ class Robot:
         is_free = self._machine.clear(leg, "stuck joint", "motion fault", operator=operator)
         self._rebase()
         if is_free and leg in self._airborne:
-            self._lower(leg, MoveWatch(1.0, None))
+            self._lower(leg, MoveWatch())
             self._rebase()
         self._settle()
         return is_free
@@ -150,7 +151,7 @@ class Robot:
         began = self.time
         while self.time - began < LEVEL_SECONDS:
             for leg in filter(self._hangs, LEGS):
-                self._lower(leg, MoveWatch(1.0, None))
+                self._lower(leg, MoveWatch())
             self._settle()
             if self._tilt <= LEVEL_ENOUGH and not any(map(self._hangs, LEGS)):
                 break
@@ -168,7 +169,7 @@ class Robot:
         self._rebase()
         segments = leg_segments(move, self._pose(), self._command[move.leg])
         self._machine.before_swing(move.leg, segments[ROTATING], self.terrain)
-        watch = MoveWatch(expected_seconds(segments), on_tick)
+        watch = MoveWatch(on_tick)
         self._airborne.add(move.leg)
         contact = self._swing_over(move.leg, segments, watch)
         self._put_down(move.leg, watch)
@@ -191,7 +192,7 @@ class Robot:
         start = self._pose()
         feet = to_world(start, feet_of(self._command))
         require_reach(joints_of(to_body(move.goal, feet)), TOLERANCE)
-        watch = MoveWatch(move.duration, on_tick)
+        watch = MoveWatch(on_tick)
         share, speed, step = 0.0, 1.0, self._plant.tick / move.duration
         contact = None
         while share < 1.0 and speed > 0.0:
@@ -237,8 +238,12 @@ class Robot:
         )  # fmt: skip
 
     def picture(self, path: str | Path, size: tuple[int, int] = SIZE) -> Path:
-        """Draw the robot where it is now; returns the path written, whose ending depends on the backend."""
-        return self._plant.picture(Path(path), tuple(self._trail), size)
+        """A photograph of the robot where it is now or, without a camera, a drawing; the path written."""
+        written = Path(path).with_suffix(".png")
+        if not self._plant.photograph(written, tuple(self._trail), size):
+            written = written.with_suffix(".svg")
+            written.write_text(self.drawing(), encoding="utf-8")
+        return written
 
     def drawing(self) -> str:
         """A drawing of where the robot is now, as SVG, whatever the backend."""
@@ -328,19 +333,15 @@ class Robot:
         foot = self._stance_at(pose).feet[leg]
         force = math.hypot(self._plant.pushes()[leg], self._plant.bumps()[leg], self._machine.loads()[leg])
         before, after = to_world(pose, feet_of(np.array([segment.at(share - 0.02), segment.at(share)]), [leg, leg]))
-        way = math.dist(after[:2], before[:2])
-        dx, dy = (after - before)[:2] / way if way > LEAST_WAY else (0.0, 0.0)
-        return Contact(leg, foot.x, foot.y, foot.z, force, float(dx), float(dy))
+        return Contact(leg, foot.x, foot.y, foot.z, force, *_direction(before[:2], after[:2]))
 
     def _bump(self, start: Pose, goal: Pose) -> Contact | None:
         """The contact of the body, or of a leg's beams, on its way from *start* to *goal*; None if nothing is there."""
         bumps = self._plant.bumps()
         if bumps.max() <= motion.CONTACT_FORCE:
             return None
-        pose, way = self._pose(), math.dist((start.x, start.y), (goal.x, goal.y))
-        dx, dy = ((goal.x - start.x) / way, (goal.y - start.y) / way) if way > LEAST_WAY else (0.0, 0.0)
-        nose = AMBLER.body_length / 2
-        low = pose.height - AMBLER.belly
+        pose, (dx, dy) = self._pose(), _direction((start.x, start.y), (goal.x, goal.y))
+        nose, low = AMBLER.body_length / 2, pose.height - AMBLER.belly
         return Contact(NO_LEG, pose.x + nose * dx, pose.y + nose * dy, low, float(bumps.max()), dx, dy)
 
     def _put_down(self, leg: int, watch: MoveWatch) -> None:
@@ -387,7 +388,7 @@ class Robot:
         self.peak_tilt = max(self.peak_tilt, self._tilt)
         self.pacer.passed(tick)
         if watch is not None:
-            watch.passed(tick)
+            watch.ticked()
             if self._tilt > MOST_TILT:
                 watch.tilted(self._tilt)
 
@@ -420,3 +421,9 @@ class Robot:
         if reached:
             self._last_leg = leg
         return Footfall(foot, float(self._machine.loads()[leg]), reached)
+
+
+def _direction(start: Sequence[float], end: Sequence[float]) -> tuple[float, float]:
+    """The unit vector from one place to another; none if they are the same."""
+    way = math.dist(start, end)
+    return (float(end[0] - start[0]) / way, float(end[1] - start[1]) / way) if way > LEAST_WAY else (0.0, 0.0)

@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from robots.ambler_sim.geometry import Array
-from robots.ambler_sim.machine.plant import Attitude, rotation_matrix
+from robots.ambler_sim.machine.plant import rotation_matrix
+from robots.ambler_sim.vocabulary import Attitude
 
 MOUNT = np.array([0.9, 0.0, 2.6])
 """In the body frame: in front of the bridge, above the equipment boxes."""
@@ -26,7 +27,7 @@ def scan(
     """World points (n, 3) where the rays met the ground, as if all had gone out at once; the same *seed* gives the same
     noise. While the body moves (*velocity*, m/s) the image is blurred: a sweep takes SWEEP seconds, row by row.
     """
-    turn = rotation_matrix(attitude.roll, attitude.pitch, attitude.pose.heading)
+    turn = rotation_matrix(attitude)
     position = np.array([attitude.pose.x, attitude.pose.y, attitude.pose.height])
     origin = position + turn @ MOUNT
     directions = ray_directions() @ turn.T

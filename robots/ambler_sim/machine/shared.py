@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from robots.ambler_sim.machine.robot import Robot
-from robots.ambler_sim.planning.mapping import pack_scan
+from robots.ambler_sim.planning.elevation import pack_scan
 from robots.ambler_sim.vocabulary import NO_LEG, Scan, Stance
 
 _LOOK_AGAIN = 0.02  # seconds after which a scan that no tick has taken looks whether the move has ended
@@ -47,16 +47,13 @@ class Machine:
         """One sweep of the range scanner, and the stance in which it was taken."""
         taken: queue.SimpleQueue[Scan] = queue.SimpleQueue()
         self._wanted.put(lambda: taken.put(pack_scan(self._stance_on_the_ground(), self.robot.scan())))
-        while True:
-            if self._moving.acquire(blocking=False):
+        while taken.empty():
+            if self._moving.acquire(timeout=_LOOK_AGAIN):
                 try:
                     self.tick()
                 finally:
                     self._moving.release()
-            try:
-                return taken.get(timeout=_LOOK_AGAIN)
-            except queue.Empty:
-                continue
+        return taken.get()
 
     def _stance_on_the_ground(self) -> Stance:
         """The stance now, but a lifted foot is where it was lifted: maps take feet for points of the ground."""

@@ -34,8 +34,6 @@ HOLE_RADIUS, HOLE_DEPTH = 0.6, 0.25
 STEEPNESS = {"flat": 0.0, "rolling": 0.1}
 """Rise per run, at most, of the kinds that don't have the slope that is asked for."""
 
-TERRAINS = ("flat", "rolling", "hills", "boulders", "ditches", "soft")
-
 
 class Terrain:
     """The ground of a walk."""
@@ -46,8 +44,7 @@ class Terrain:
         self._added: deque[Rock] = deque(maxlen=MOST_ADDED)
         self._holes = deque(spec.holes, maxlen=MOST_ADDED)
         self._tops: dict[Rock, float] = {}  #: far ones, too, of which no ground is kept
-        self._row, self._column = -CELLS // 2, -CELLS // 2
-        self._kept = self.lattice(self._row, self._column, CELLS, CELLS)
+        self._keep(-CELLS // 2, -CELLS // 2)
 
     @property
     def present(self) -> TerrainSpec:
@@ -61,9 +58,7 @@ class Terrain:
 
     def lattice(self, row: int, column: int, rows: int, columns: int) -> Array:
         """The heights of a part of the lattice (rows along x, columns along y) that begins at this row and column."""
-        x: Array = RESOLUTION * np.arange(row, row + rows, dtype=np.float64)
-        y: Array = RESOLUTION * np.arange(column, column + columns, dtype=np.float64)
-        return self._surface(x[:, None], y[None, :])
+        return self._computed(np.arange(row, row + rows)[:, None], np.arange(column, column + columns)[None, :])
 
     def height(self, x: float, y: float) -> float:
         """The ground height (m) at a point."""
@@ -79,7 +74,8 @@ class Terrain:
             a, b, kept = i - self._row, j - self._column, self._kept
             corners = kept[a, b], kept[a, b + 1], kept[a + 1, b], kept[a + 1, b + 1]
         else:
-            corners = self._far(i, j), self._far(i, j + 1), self._far(i + 1, j), self._far(i + 1, j + 1)
+            compute = self._computed
+            corners = compute(i, j), compute(i, j + 1), compute(i + 1, j), compute(i + 1, j + 1)
         near = corners[0] * (1 - v) + corners[1] * v
         far = corners[2] * (1 - v) + corners[3] * v
         between: Array = near * (1 - u) + far * u
@@ -109,7 +105,7 @@ class Terrain:
     def give_way(self, x: float, y: float) -> None:
         """The ground around a point falls in."""
         self._holes.append((x, y))
-        self._kept = self.lattice(self._row, self._column, CELLS, CELLS)
+        self._keep(self._row, self._column)
 
     def top(self, rock: Rock) -> float:
         """The height of a rock's highest point in the world."""
@@ -128,14 +124,15 @@ class Terrain:
                 heights = np.where(over, np.maximum(heights, top), heights)
         return heights
 
-    def _far(self, i: Cells, j: Cells) -> Array:
-        """The heights of cells that are too far apart to be kept."""
+    def _keep(self, row: int, column: int) -> None:
+        """Keep the part of the lattice that begins there."""
+        self._row, self._column = row, column
+        self._kept = self.lattice(row, column, CELLS, CELLS)
+
+    def _computed(self, i: Cells, j: Cells) -> Array:
+        """The heights of these rows and columns of the lattice, with the holes."""
         x: Array = RESOLUTION * i.astype(np.float64)
         y: Array = RESOLUTION * j.astype(np.float64)
-        return self._surface(x, y)
-
-    def _surface(self, x: Array, y: Array) -> Array:
-        """The heights at these points, with the holes."""
         heights = self._relief.heights(x, y)
         for middle_x, middle_y in self._holes:
             inside = (1.5 - 1.5 * np.hypot(x - middle_x, y - middle_y) / HOLE_RADIUS).clip(0.0, 1.0)
@@ -145,18 +142,12 @@ class Terrain:
     def _keeps(self, i: Cells, j: Cells) -> bool:
         """Whether the cells of these rows and columns are in the part that is kept, which moves if need be."""
         low_i, high_i, low_j, high_j = int(i.min()), int(i.max()), int(j.min()), int(j.max())
-        inside = (
-            low_i >= self._row
-            and high_i < self._row + CELLS - 1
-            and low_j >= self._column
-            and high_j < self._column + CELLS - 1
-        )
-        if inside:
+        last = CELLS - 2  # a cell's corners are in the next row and column, too
+        if self._row <= low_i <= high_i <= self._row + last and self._column <= low_j <= high_j <= self._column + last:
             return True
         if max(high_i - low_i, high_j - low_j) > CELLS // 2:
             return False
-        self._row, self._column = (low_i + high_i - CELLS) // 2, (low_j + high_j - CELLS) // 2
-        self._kept = self.lattice(self._row, self._column, CELLS, CELLS)
+        self._keep((low_i + high_i - CELLS) // 2, (low_j + high_j - CELLS) // 2)
         return True
 
 

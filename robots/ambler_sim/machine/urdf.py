@@ -1,9 +1,12 @@
 """The Ambler as URDF text: what a physics engine needs to know of the mechanism, and how it looks."""
 
+from itertools import pairwise
+
 from robots.ambler_sim.geometry import AMBLER, SHAFT_Y, SHOULDER_Z
 from robots.ambler_sim.vocabulary import LEGS
-from robots.urdf import Triple, box, collision, cylinder, joint, link, robot, solid_box
+from robots.urdf import box, collision, cylinder, joint, link, robot, solid_box
 
+PARTS = ("shoulder", "extension", "vertical", "foot")
 EFFORT = {"shoulder": 3e4, "extension": 2e4, "vertical": 4e4}
 """The strongest torque (Nm) or force (N) of each joint's motor."""
 
@@ -74,13 +77,20 @@ def _leg(leg: int) -> str:
 
 
 def _joints(leg: int) -> str:
-    parts = AMBLER
+    """From the body down to the foot."""
+    parts, nowhere, upright = AMBLER, (0, 0, 0), (0, 0, 1)
     shaft = (0.0, float(SHAFT_Y[leg]), float(SHOULDER_Z[leg]))
-    return (
-        _joint(leg, "continuous", ("body", "shoulder"), shaft, (0, 0, 1))
-        + _joint(leg, "prismatic", ("shoulder", "extension"), (0, 0, 0), (1, 0, 0), (0.9, parts.max_reach + 0.1))
-        + _joint(leg, "prismatic", ("extension", "vertical"), (0, 0, 0), (0, 0, -1), (0.0, parts.max_drop))
-        + _joint(leg, "fixed", ("vertical", "foot"), (0, 0, parts.foot_radius), (0, 0, 1))
+    extent, drop = (0.9, parts.max_reach + 0.1), (0.0, parts.max_drop)
+    links = ["body", *(f"{part}{leg}_link" for part in PARTS)]
+    motions = (
+        ("continuous", shaft, upright, None),
+        ("prismatic", nowhere, (1, 0, 0), extent),
+        ("prismatic", nowhere, (0, 0, -1), drop),
+        ("fixed", (0, 0, parts.foot_radius), upright, None),
+    )
+    return "".join(
+        joint(f"{part}{leg}", kind, upper, lower, origin, axis, limits, EFFORT.get(part, 0.0))
+        for part, (upper, lower), (kind, origin, axis, limits) in zip(PARTS, pairwise(links), motions, strict=True)
     )
 
 
@@ -90,11 +100,3 @@ def _springs() -> str:
         '<contact><lateral_friction value="1.0"/><spinning_friction value="0.01"/>'
         f'<stiffness value="{AMBLER.foot_stiffness}"/><damping value="{AMBLER.foot_damping}"/></contact>'
     )
-
-
-def _joint(
-    leg: int, kind: str, ends: tuple[str, str], origin: Triple, axis: Triple, limits: tuple[float, float] | None = None
-) -> str:
-    parent, child = ends
-    upper = "body" if parent == "body" else f"{parent}{leg}_link"
-    return joint(f"{child}{leg}", kind, upper, f"{child}{leg}_link", origin, axis, limits, EFFORT.get(child, 0.0))

@@ -4,20 +4,18 @@ The machine makes one move at a time; its range finder is a resource of its own,
 locks the moves. A controller that is started on the state file of another takes the robot over where that one left it.
 """
 
-import argparse
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import cast
 
 import msgspec
 
 from robots.ambler_sim.errors import AmblerError, AmplifierTripped, JointFault, TerrainContact, Tilting
-from robots.ambler_sim.machine.graphical import GraphicalPlant
-from robots.ambler_sim.machine.making import BACKENDS, Backend, make_robot
+from robots.ambler_sim.machine.making import make_robot
+from robots.ambler_sim.machine.pacing import OnTick
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.machine.shared import Machine
-from robots.ambler_sim.machine.snapshot import load_snapshot, save_snapshot
-from robots.ambler_sim.machine.terrain import TERRAINS
+from robots.ambler_sim.machine.terrain import scattered_rocks
 from robots.ambler_sim.messages import (
     AMPLIFIER_TRIPPED,
     CALIBRATE,
@@ -41,8 +39,10 @@ from robots.ambler_sim.messages import (
     Reset,
 )
 from robots.ambler_sim.modules.display import Display
-from robots.ambler_sim.pictures.film import FilmCamera
+from robots.ambler_sim.options import walk_options
+from robots.ambler_sim.pictures.film import FRAMES, FilmCamera
 from robots.ambler_sim.vocabulary import (
+    NO_LEG,
     BodyMove,
     Fault,
     Footfall,
@@ -51,79 +51,84 @@ from robots.ambler_sim.vocabulary import (
     Readings,
     Rock,
     Scan,
+    Snapshot,
     Stance,
     TerrainSpec,
 )
 from tca_module import FailureRaised, Module, Task
+from tca_tools.output import write_output
+
+STATE, RECORD = "robot.json", "footsteps.jsonl"
+"""The files of a walk's folder: the robot as it now is, and its footsteps."""
+
+ROCK_HEIGHTS = (0.6, 0.8)
 
 
-def make_module(
-    robot: Robot, state_file: Path | None, record: Path | None = None, camera: FilmCamera | None = None
-) -> Module:
-    """The module that moves *robot*; it saves the robot after each move, and a line for each footstep for those who
-    judge the walk. A *camera* films the moves.
+class ControlledMachine(Machine):
+    """The machine as tasks change it: it is saved and filmed, and it is told what has begun to go wrong."""
+
+    def __init__(self, robot: Robot, folder: Path | None, camera: FilmCamera | None) -> None:
+        super().__init__(robot)
+        self._folder, self._camera = folder, camera
+        self.display = Display(robot, while_moving=robot.backend == "graphical")
+        self.save()
+
+    def save(self) -> None:
+        """Save the robot for another controller."""
+        if self._folder is not None:
+            write_output(self._folder / STATE, msgspec.json.encode(self.robot.state()))
+
+    def record(self) -> None:
+        """Write a line for those who judge the walk."""
+        if self._folder is not None:
+            with (self._folder / RECORD).open("ab") as file:
+                file.write(msgspec.json.encode(self.robot.footstep()) + b"\n")
+
+    @contextmanager
+    def changed_by(self, task: Task, leg: int = NO_LEG) -> Iterator[OnTick]:
+        """The robot is this task's, to move a leg, the body or nothing; with what is called at each tick of a move."""
+        try:
+            with self.moving(leg):
+                yield lambda: self._goes_on(task)
+        except AmblerError as error:
+            raise failure_of(error) from error
+        finally:
+            self.save()
+            for fault in self.robot.begun_faults():
+                task.broadcast(FAULT_BEGAN, fault)
+
+    def _goes_on(self, task: Task) -> bool:
+        """Between two control ticks: scan if somebody waits for one; stop if the task was killed."""
+        self.tick()
+        self.display.tick(task)
+        if self._camera is not None:
+            self._camera.tick()
+        return not task.cancelled
+
+
+def make_module(robot: Robot, folder: Path | None, camera: FilmCamera | None = None) -> Module:
+    """The module that moves *robot*; into the *folder*, if there is one, it saves the robot after each move, and writes
+    a line for each footstep. A *camera* films the moves.
     """
     controller = Module("controller")
-    controller.resource("range finder")
-    machine = Machine(robot)
-    display = Display(robot, while_moving=robot.backend == GraphicalPlant.name)
-
-    def save(task: Task) -> None:
-        """Save the robot, and tell what has begun to go wrong."""
-        write_state(robot, state_file)
-        for fault in robot.begun_faults():
-            task.broadcast(FAULT_BEGAN, fault)
+    machine = ControlledMachine(robot, folder, camera)
 
     @controller.handles(MOVE_LEG)
     def move_leg(task: Task, move: LegMove) -> Footfall:
-        try:
-            with machine.moving(move.leg):
-                return robot.move_leg(move, on_tick=lambda _: goes_on(task, machine, display, camera))
-        except AmblerError as error:
-            raise failure_of(error) from error
-        finally:
-            save(task)
+        with machine.changed_by(task, move.leg) as goes_on:
+            return robot.move_leg(move, goes_on)
 
     @controller.handles(MOVE_BODY)
     def move_body(task: Task, move: BodyMove) -> Pose:
-        try:
-            with machine.moving():
-                pose = robot.move_body(move, lambda _: goes_on(task, machine, display, camera))
-                display.made_a_footstep(task)
-            write_footstep(robot, record)
-        except AmblerError as error:
-            raise failure_of(error) from error
-        else:
+        with machine.changed_by(task) as goes_on:
+            pose = robot.move_body(move, goes_on)
+            machine.display.made_a_footstep(task)
+            machine.record()
             return pose
-        finally:
-            save(task)
 
     _answer_questions(controller, machine)
-    _care(controller, machine, save)
-    write_state(robot, state_file)
+    _care(controller, machine)
     return controller
-
-
-def write_state(robot: Robot, path: Path | None) -> None:
-    """Save the robot for another controller, if there is a file for it."""
-    if path is not None:
-        save_snapshot(robot.state(), path)
-
-
-def write_footstep(robot: Robot, path: Path | None) -> None:
-    """A line for those who judge the walk, if there is a file for it."""
-    if path is not None:
-        with path.open("ab") as file:
-            file.write(msgspec.json.encode(robot.footstep()) + b"\n")
-
-
-def goes_on(task: Task, machine: Machine, display: Display, camera: FilmCamera | None) -> bool:
-    """Between two control ticks: scan if somebody waits for one; stop if the task was killed."""
-    machine.tick()
-    display.tick(task)
-    if camera is not None:
-        camera.tick()
-    return not task.cancelled
 
 
 def _answer_questions(controller: Module, machine: Machine) -> None:
@@ -150,43 +155,38 @@ def _answer_questions(controller: Module, machine: Machine) -> None:
             return str(robot.picture(path))
 
 
-def _care(controller: Module, machine: Machine, save: Callable[[Task], None]) -> None:
+def _care(controller: Module, machine: ControlledMachine) -> None:
     """Mend what is wrong with the machine, and spoil it."""
     robot = machine.robot
 
     @controller.handles(INJECT)
     def inject(task: Task, fault: Fault) -> None:
-        with machine.moving():
+        with machine.changed_by(task):
             robot.inject(fault)
-        save(task)
 
     @controller.handles(RESET)
     def reset(task: Task, reset: Reset) -> None:
-        with machine.moving():
+        with machine.changed_by(task):
             is_on = robot.reset(reset.leg, operator=reset.operator)
-        save(task)
         if not is_on:
             raise NEEDS_OPERATOR(reset.leg, f"the amplifier of leg {reset.leg} trips again: an operator must reset it")
 
     @controller.handles(FREE_JOINT)
     def free_joint(task: Task, reset: Reset) -> None:
-        with machine.moving():
+        with machine.changed_by(task):
             is_free = robot.free_joint(reset.leg, operator=reset.operator)
-        save(task)
         if not is_free:
             raise NEEDS_OPERATOR(reset.leg, f"a joint of leg {reset.leg} stays stuck: an operator must free it")
 
     @controller.handles(CALIBRATE)
     def calibrate(task: Task, leg: int) -> None:
-        with machine.moving():
+        with machine.changed_by(task):
             robot.calibrate(leg)
-        save(task)
 
     @controller.handles(LEVEL_BODY)
     def level_body(task: Task) -> None:
-        with machine.moving():
+        with machine.changed_by(task):
             robot.level()
-        save(task)
 
 
 def failure_of(error: AmblerError) -> FailureRaised:
@@ -204,38 +204,18 @@ def failure_of(error: AmblerError) -> FailureRaised:
             return MOTION_FAULT("body", str(error))
 
 
-def robot_options() -> argparse.ArgumentParser:
-    """What can be said of the simulated robot and its ground."""
-    parser = argparse.ArgumentParser(add_help=False)
-    parser.add_argument("--backend", choices=BACKENDS, default="auto")
-    parser.add_argument("--gui", action="store_true", help="show physics in PyBullet's own window")
-    parser.add_argument("--pace", type=float, default=0.0, help="times real time; 0 is as fast as possible")
-    parser.add_argument("--seed", type=int, default=1, help="which hills")
-    parser.add_argument("--slope", type=float, default=0.30, help="steepest rise per run of hills")
-    parser.add_argument("--terrain", choices=TERRAINS, default="rolling", help="what kind of ground")
-    parser.add_argument("--rock", nargs=4, type=float, action="append", default=[],
-                        metavar=("X", "Y", "RADIUS", "HEIGHT"),
-                        help="a rock that the scanner does not see; may be given several times")  # fmt: skip
-    return parser
-
-
 def main() -> None:
-    """The command line."""
-    name = "python -m robots.ambler_sim.modules.controller"
-    parser = argparse.ArgumentParser(prog=name, description=__doc__, parents=[robot_options()])
-    parser.add_argument("--state", type=Path, help="file to save the robot in, and to go on from")
-    parser.add_argument("--record", type=Path, help="file for a line for each footstep: what is believed, what is true")
-    parser.add_argument("--film", nargs=2, metavar=("FOLDER", "FIRST"), help="photographs of moves, from a footstep on")
-    options = parser.parse_args()
-    saved = load_snapshot(options.state) if options.state else None
-    rocks = tuple(Rock(*rock) for rock in options.rock)
+    """The controller of a walk: it takes the robot over from the one before, if there was one."""
+    options = walk_options(".modules.controller", __doc__).parse_args()
+    state = options.out / STATE
+    saved = msgspec.json.decode(state.read_bytes(), type=Snapshot) if state.exists() else None
+    scattered = scattered_rocks(options.seed, options.rocks, options.metres, ROCK_HEIGHTS)
+    rocks = (*scattered, *(Rock(*rock) for rock in options.rock))
     terrain = TerrainSpec(seed=options.seed, slope=options.slope, rocks=rocks, kind=options.terrain)
-    robot = make_robot(
-        cast("Backend", options.backend), terrain=terrain, pace=options.pace, state=saved, window=options.gui
-    )
+    robot = make_robot(options.backend, terrain=terrain, pace=options.pace, state=saved, window=options.gui)
     try:
-        camera = FilmCamera(robot, Path(options.film[0]), int(options.film[1])) if options.film else None
-        make_module(robot, options.state, options.record, camera).run()
+        camera = FilmCamera(robot, options.out / FRAMES, options.film_from) if options.film else None
+        make_module(robot, options.out, camera).run()
     finally:
         robot.close()
 

@@ -84,8 +84,7 @@ def replan_move(task: Task, contact: Contact) -> None:
 @recovery.handles(PLAN_OTHERWISE, resource="steps")
 def plan_otherwise(task: Task) -> None:
     """A step can't be planned or walked as planned: once the one before it has been walked, take another one."""
-    step_task = task.trouble.attached
-    assert step_task is not None
+    step_task = attached(task.trouble)
     before = step_task.parent()
     if before is not None and before.message == TAKE_STEPS.name:
         for moved in before.children(ACHIEVED_POSITION):
@@ -98,9 +97,7 @@ def plan_otherwise(task: Task) -> None:
 
 def take_another_step(task: Task, stance: Stance, leg: int) -> None:
     """Forget what was planned of a step, take it another way, and let the rest of the arc be planned anew."""
-    trouble = task.trouble
-    step_task = trouble.attached
-    assert step_task is not None
+    trouble, step_task = task.trouble, attached(task.trouble)
     if trouble.invocations > REPLANNED_AT_MOST or trouble.failing.ancestors(SHUFFLE_FEET):
         raise STUCK(trouble.text, trouble.text)
     ahead = step_task.data(TAKE_STEPS)
@@ -131,8 +128,6 @@ def shuffle_feet(task: Task) -> None:
     the arc from there.
     """
     trouble, stance = task.trouble, task.query(STANCE)
-    arc_task = trouble.attached
-    assert arc_task is not None
     if trouble.invocations > FORGOTTEN_AFTER:
         task.inform(FORGET_FELT)
     shift = centring(stance)
@@ -144,7 +139,7 @@ def shuffle_feet(task: Task) -> None:
             task.command(MOVE_BODY, shift)
         for move in moves:
             task.command(MOVE_LEG, move)
-    arc_task.retry()
+    attached(trouble).retry()
 
 
 @recovery.handles(DO_AGAIN)
@@ -153,9 +148,7 @@ def do_again(task: Task) -> None:
 
     A planner that had ordered a part of what it planned would order that again: then the rest of the arc begins anew.
     """
-    trouble = task.trouble
-    arc_task, failing = trouble.attached, trouble.failing
-    assert arc_task is not None
+    trouble, failing = task.trouble, task.trouble.failing
     if trouble.attempts > DONE_AT_MOST:
         raise trouble.reissue()
     has_ordered = any(child.id != task.id for child in failing.children())
@@ -163,7 +156,7 @@ def do_again(task: Task) -> None:
         failing.retry()
         return
     abandon(trouble, "begun again")
-    arc_task.retry()
+    attached(trouble).retry()
 
 
 @recovery.handles(GIVE_UP)
@@ -176,11 +169,16 @@ def abandon(trouble: Trouble, why: str) -> None:
     """Kill all that was to be done under the task that the exception handler is attached to. Other exception handlers
     on the way there outlive that, and what they have sent: it is killed, too.
     """
-    assert trouble.attached is not None
     rungs = REPLAN_MOVE, PLAN_OTHERWISE, SHUFFLE_FEET
     handlers = [task for rung in rungs for task in trouble.failing.ancestors(rung)]
-    for task in (*handlers, trouble.attached):
+    for task in (*handlers, attached(trouble)):
         task.kill(why, scope=Scope.DESCENDANTS)
+
+
+def attached(trouble: Trouble) -> TaskRef:
+    """The task that this rung of the ladder is attached to."""
+    assert trouble.attached is not None
+    return trouble.attached
 
 
 def _leg_of(failing: TaskRef) -> int:

@@ -3,13 +3,13 @@
 It taps the leg moves, and while it holds one it sees to the fault that is due with that footstep.
 """
 
-import argparse
 from itertools import count
 from random import Random
 
 from robots.ambler_sim.geometry import offset
 from robots.ambler_sim.messages import FAULT_BEGAN, FELT, INJECT, LOSE_PROGRAM, MOVE_LEG, STANCE
-from robots.ambler_sim.vocabulary import KINDS, LEGS, Fault, LegMove, Obstacle
+from robots.ambler_sim.options import walk_options
+from robots.ambler_sim.vocabulary import LEGS, Fault, LegMove, Obstacle
 from tca_module import Command, Condition, Module, Task
 
 RATE = 0.08
@@ -51,8 +51,8 @@ def make_fault(kind: str, seed: int, number: int) -> Fault:
             return Fault(kind, leg)
 
 
-def make_module(kinds: tuple[str, ...], schedule: dict[int, list[str]], seed: int) -> Module:
-    """Faults of these *kinds* at random, and those of the *schedule*, by the number of the leg move (1, 2, ...)."""
+def make_module(kinds: tuple[str, ...], schedule: list[tuple[str, int]], seed: int) -> Module:
+    """Faults of these *kinds* at random, and those of the *schedule*, each with the number of its leg move."""
     injector = Module("fault injector")
     numbers = count(1)
 
@@ -63,7 +63,8 @@ def make_module(kinds: tuple[str, ...], schedule: dict[int, list[str]], seed: in
     @injector.handles(MAKE_TROUBLE)
     def make_trouble(task: Task, move: LegMove) -> None:
         number = next(numbers)
-        for kind in (*schedule.get(number, ()), *drawn(kinds, seed, number)):
+        due = [kind for kind, at in schedule if at == number]
+        for kind in (*due, *drawn(kinds, seed, number)):
             cause(task, make_fault(kind, seed, number), move, Random(f"{seed} {number} program"))  # noqa: S311
 
     return injector
@@ -86,52 +87,6 @@ def cause(task: Task, fault: Fault, move: LegMove, random: Random) -> None:
             task.command(INJECT, fault).wait()
 
 
-def scheduled(texts: list[str]) -> dict[int, list[str]]:
-    """From "KIND@NUMBER". Raises ValueError for anything else."""
-    schedule: dict[int, list[str]] = {}
-    for text in texts:
-        kind, _, number = text.partition("@")
-        if kind not in KINDS or not number.isdecimal():
-            raise ValueError(f"{text!r} is no fault: give KIND@STEP, with a kind of {', '.join(KINDS)}")
-        schedule.setdefault(int(number), []).append(kind)
-    return schedule
-
-
-def fault_at(text: str) -> str:
-    """The type of an option that is a fault of a schedule."""
-    try:
-        scheduled([text])
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return text
-
-
-def kinds_of(text: str) -> tuple[str, ...]:
-    """From "all" or a list with commas. Raises ValueError for a kind that there is not."""
-    kinds = KINDS if text == "all" else tuple(filter(None, text.split(",")))
-    if wrong := [kind for kind in kinds if kind not in KINDS]:
-        raise ValueError(f"there are no faults of kind {wrong[0]!r}: there are {', '.join(KINDS)}")
-    return kinds
-
-
-def fault_options() -> argparse.ArgumentParser:
-    """What can be said of faults."""
-    parser = argparse.ArgumentParser(add_help=False)
-    parser.add_argument("--faults", type=kinds_of, default=(), metavar="all|KIND,...",
-                        help=f"what goes wrong at random: {', '.join(KINDS)}")  # fmt: skip
-    parser.add_argument("--fault", type=fault_at, action="append", default=[], metavar="KIND@STEP",
-                        help="one fault with that leg move (1, 2, ...); may be repeated")  # fmt: skip
-    return parser
-
-
-def main() -> None:
-    """The command line."""
-    name = "python -m robots.ambler_sim.modules.fault_injector"
-    parser = argparse.ArgumentParser(prog=name, description=__doc__, parents=[fault_options()])
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
-    make_module(options.faults, scheduled(options.fault), options.seed).run()
-
-
 if __name__ == "__main__":
-    main()
+    options = walk_options(".modules.fault_injector", __doc__).parse_args()
+    make_module(options.faults, options.fault, options.seed).run()

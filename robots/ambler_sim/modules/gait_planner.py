@@ -8,10 +8,8 @@ For comparison it also plans without looking ahead (``--mode sequential``), and 
 before the legs move (``--mode ahead``).
 """
 
-import argparse
 import math
 from dataclasses import replace
-from enum import StrEnum
 
 from robots.ambler_sim.messages import (
     ACHIEVED_POSITION,
@@ -31,6 +29,7 @@ from robots.ambler_sim.messages import (
     Placing,
     StepEnd,
 )
+from robots.ambler_sim.options import Mode, walk_options
 from robots.ambler_sim.planning.gait import TOLERANCE, after_step, is_finished, next_step, rejoin
 from robots.ambler_sim.vocabulary import Arc, Pose, Stance
 from tca_module import Constraint, Module, Task, this
@@ -41,15 +40,6 @@ CLOSE_ENOUGH = 0.15
 STEPS_PER_IMAGE = 2
 
 planner = Module("gait planner")
-planner.resource("position check")
-
-
-class Mode(StrEnum):
-    """How much goes on at once."""
-
-    SEQUENTIAL = "sequential"
-    AHEAD = "ahead"
-    CONCURRENT = "concurrent"
 
 
 class GaitMemory:
@@ -140,21 +130,6 @@ def position_reached(task: Task, reached: StepEnd) -> Pose:
     return stance.pose
 
 
-def mode_options() -> argparse.ArgumentParser:
-    """What can be said of planning."""
-    parser = argparse.ArgumentParser(add_help=False)
-    parser.add_argument("--mode", choices=[mode.value for mode in Mode], default=Mode.CONCURRENT.value,
-                        help="how much goes on at once: nothing; planning one step ahead; perception, too")  # fmt: skip
-    return parser
-
-
-def main() -> None:
-    """The command line."""
-    name = "python -m robots.ambler_sim.modules.gait_planner"
-    parser = argparse.ArgumentParser(prog=name, description=__doc__, parents=[mode_options()])
-    memory.mode = Mode(parser.parse_args().mode)
-    planner.run()
-
-
 if __name__ == "__main__":
-    main()
+    memory.mode = walk_options(".modules.gait_planner", __doc__).parse_args().mode
+    planner.run()

@@ -3,8 +3,7 @@
 from collections import deque
 
 from robots.ambler_sim.messages import ELEVATION_MAP, FELT, FORGET_FELT, IMAGES, UPDATE_MAP
-from robots.ambler_sim.planning.elevation import cut, unknown_map, with_obstacles
-from robots.ambler_sim.planning.mapping import build_elevation_map, points_of
+from robots.ambler_sim.planning.elevation import build_elevation_map, cut, points_of, unknown_map, with_obstacles
 from robots.ambler_sim.vocabulary import ElevationMap, Obstacle, Window
 from tca_module import Module, Task
 

@@ -14,8 +14,8 @@ from robots.ambler_sim.messages import (
     Placing,
 )
 from robots.ambler_sim.planning import leg_recovery
-from robots.ambler_sim.planning.body import plan_body_move
 from robots.ambler_sim.planning.footfall import choose_foothold, window_of
+from robots.ambler_sim.planning.gait import plan_body_move
 from robots.ambler_sim.vocabulary import BodyMove, Foot, LegMove, Step
 from tca_module import Module, Task
 

@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 
 from robots.ambler_sim.messages import ACQUIRE_IMAGE, BAD_IMAGE, IMAGES, NO_IMAGE, RANGES
-from robots.ambler_sim.planning.mapping import points_of
+from robots.ambler_sim.planning.elevation import points_of
 from robots.ambler_sim.vocabulary import Image, Scan
 from tca_module import Module, Task
 
@@ -22,17 +22,10 @@ FARTHEST_BELOW = 8.0
 """Metres that seen ground may lie below the body."""
 
 scanner = Module("scanner")
-scanner.resource("image queue")
 
 
-class ImageQueue:
-    """The last images, oldest first."""
-
-    def __init__(self) -> None:
-        self.images: deque[Image] = deque(maxlen=KEPT)
-
-
-memory = ImageQueue()
+memory: deque[Image] = deque(maxlen=KEPT)
+"""The last images, oldest first."""
 
 
 @scanner.handles(ACQUIRE_IMAGE)
@@ -44,13 +37,13 @@ def acquire_image(task: Task, number: int) -> None:
         raise NO_IMAGE(number, f"the scanner gave no image before footstep {number}")
     if fault := fault_of(scan):
         raise BAD_IMAGE(number, f"the image before footstep {number} {fault}")
-    memory.images.append(Image(task.id, scan))
+    memory.append(Image(task.id, scan))
 
 
 @scanner.handles(IMAGES, resource="image queue")
 def images(_: Task, after: int) -> tuple[Image, ...]:
     """Those that came after the one with this number."""
-    return tuple(image for image in tuple(memory.images) if image.number > after)
+    return tuple(image for image in tuple(memory) if image.number > after)
 
 
 def fault_of(scan: Scan) -> str:

@@ -13,10 +13,9 @@ from robots.ambler_sim.messages import (
     WayWalked,
 )
 from robots.ambler_sim.planning.gait import pose_on
-from robots.ambler_sim.vocabulary import Arc, Pose
+from robots.ambler_sim.vocabulary import ORIGIN, Arc, Pose
 from tca_module import Module, SentTask, Task, Timeout
 
-START = Pose(0.0, 0.0, 0.0, 0.0)
 BETWEEN_REPORTS = 1.0
 """Seconds between two reports of progress, at least."""
 
@@ -26,7 +25,7 @@ class Odometer:
 
     def __init__(self) -> None:
         self.metres = 0.0
-        self._last = START
+        self._last = ORIGIN
 
     def add(self, pose: Pose) -> float:
         """The robot is here now; the metres so far."""
@@ -42,9 +41,6 @@ def make_module(
     kills a program and starts it again.
     """
     manager = Module("task manager")
-    manager.resource("operator")
-    manager.resource("display")
-    manager.resource("programs")
     odometer = Odometer()
 
     @manager.handles(TRAVERSE_PATH)
@@ -93,7 +89,7 @@ def is_over(arc: SentTask[None]) -> bool:
 
 def course_of(path: Path) -> Iterator[Arc]:
     """The path's pieces, each from where the one before should end."""
-    start = START
+    start = ORIGIN
     for bend in path.bends:
         arc = Arc(start, bend.curvature, bend.length)
         yield arc

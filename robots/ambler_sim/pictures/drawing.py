@@ -4,10 +4,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from robots.ambler_sim.geometry import AMBLER, BODY_HEIGHT, SHAFT_Y, SHOULDER_Z, is_left, offset
+from robots.ambler_sim.geometry import AMBLER, BODY_HEIGHT, SHAFT_Y, SHOULDER_Z, is_left, offset, seen_by
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.planning.stability import support_polygon, world_centre_of_gravity
-from robots.ambler_sim.vocabulary import Foot, Pose, Rock, Stance
+from robots.ambler_sim.vocabulary import Foot, Pose, Stance
 from robots.drawing import View
 from robots.plane import seen_from
 from tca_tools.drawing.svg import document
@@ -35,17 +35,20 @@ STYLE = (
 
 def draw(stance: Stance, terrain: Terrain, trail: Sequence[Foot]) -> str:
     """The picture; both views look along the robot's own axes, which way it may head."""
-    views = {"side": (SIDE, _from_the_side(stance, terrain)), "above": (ABOVE, _from_above(stance, terrain, trail))}
-    titles = {
-        "side": f"from the right, x = {stance.pose.x:.1f} m",
-        "above": "from above: support polygon, centre of gravity, footprints",
-    }
     body: list[str] = []
-    for name, (view, parts) in views.items():
+    for name, view, title, parts in (
+        ("side", SIDE, f"from the right, x = {stance.pose.x:.1f} m", _from_the_side(stance, terrain)),
+        (
+            "above",
+            ABOVE,
+            "from above: support polygon, centre of gravity, footprints",
+            _from_above(stance, terrain, trail),
+        ),
+    ):
         left = view.left - BEHIND * SCALE
         clip = f'<rect x="{left:.1f}" y="30" width="{HALF:.1f}" height="{HEIGHT - 50}" rx="8"/>'
         body += [f'<clipPath id="{name}">{clip}</clipPath><g clip-path="url(#{name})">', *parts, "</g>"]
-        body.append(f'<text x="{left + 6:.1f}" y="22">{titles[name]}</text>')
+        body.append(f'<text x="{left + 6:.1f}" y="22">{title}</text>')
     return document(WIDTH, HEIGHT, "the Ambler, from the side and from above", STYLE, body)
 
 
@@ -56,11 +59,11 @@ def _from_the_side(stance: Stance, terrain: Terrain) -> Iterable[str]:
     ahead = np.arange(-BEHIND, AHEAD + 0.2, 0.2)
     x, y = np.array([offset(pose, float(distance), 0.0) for distance in ahead]).T
     ground = [*zip(ahead, terrain.heights_at(x, y) - floor, strict=True), (AHEAD, -5.0), (-BEHIND, -5.0)]
-    legs = [_leg_from_the_side(foot.leg, _relative(pose, foot)[0], foot.z - floor) for foot in stance.feet]
+    legs = [_leg_from_the_side(foot.leg, seen_by(pose, foot)[0], foot.z - floor) for foot in stance.feet]
     yield '<rect y="30" width="100%" height="100%" fill="#eef3f8"/>'
     for rock in terrain.rocks:
         bottom, top = terrain.height(rock.x, rock.y) - 0.5, terrain.top(rock)
-        corner = _relative(pose, rock)[0] - rock.radius, bottom - floor
+        corner = seen_by(pose, rock)[0] - rock.radius, bottom - floor
         yield SIDE.box("rock", corner, 2 * rock.radius, top - bottom)
     yield SIDE.shape("soil", ground, fill=SOIL, stroke="#8d7656")
     yield from legs[:3]
@@ -90,12 +93,12 @@ def _from_above(stance: Stance, terrain: Terrain, trail: Sequence[Foot]) -> Iter
     corners = [seen_from(pose.x, pose.y, pose.heading, x, y) for x, y, _ in support_polygon(stance)]
     x, y, _ = world_centre_of_gravity(stance)
     yield from _height_bands(pose, terrain)
-    yield from (ABOVE.disc("rock", _relative(pose, rock), rock.radius) for rock in terrain.rocks)
-    yield from (ABOVE.disc("print", _relative(pose, foot), 0.2) for foot in trail)
+    yield from (ABOVE.disc("rock", seen_by(pose, rock), rock.radius) for rock in terrain.rocks)
+    yield from (ABOVE.disc("print", seen_by(pose, foot), 0.2) for foot in trail)
     yield ABOVE.shape("support", corners, fill="#3a7d44", fill_opacity=".16", stroke="#3a7d44")
     yield ABOVE.box("box", (-0.35, -1.3), 0.7, 2.6)
     for foot in stance.feet:
-        there = _relative(pose, foot)
+        there = seen_by(pose, foot)
         yield _line(ABOVE, [(0.0, float(SHAFT_Y[foot.leg])), there], 6, _colour(foot.leg))
         yield ABOVE.disc("dark", there, 0.22)
         yield ABOVE.words(f"{foot.leg}", (there[0], there[1] + 0.3), text_anchor="middle")
@@ -135,11 +138,6 @@ def _strip(ahead: float, left: float, breadth: float) -> str:
 
 def _colour(leg: int) -> str:
     return LEFT_COLOUR if is_left(leg) else RIGHT_COLOUR
-
-
-def _relative(pose: Pose, place: Foot | Rock) -> tuple[float, float]:
-    """A place of the world in the robot's own directions, (ahead, left)."""
-    return seen_from(pose.x, pose.y, pose.heading, place.x, place.y)
 
 
 def _line(view: View, places: Iterable[Sequence[float]], width: int, colour: str = "#33363d") -> str:

@@ -13,6 +13,9 @@ FRAMES_PER_SECOND = 25
 QUALITY = 45
 """Of WebP, 0 to 100."""
 
+FRAMES = "frames"
+"""The folder of photographs, within the walk's."""
+
 ENDINGS = (".gif", ".png", ".webp")
 
 

@@ -1,23 +1,26 @@
-"""Reading and making elevation maps: what the robot believes about the ground."""
+"""Elevation maps: what the robot believes about the ground, read, and made of range images."""
 
 import math
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ambler_sim.geometry import Array
-from robots.ambler_sim.vocabulary import ElevationMap, Obstacle, Window
+from robots.ambler_sim.geometry import Array, offset, positions
+from robots.ambler_sim.vocabulary import ElevationMap, Obstacle, Scan, Stance, Window
 
-Cells = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
+RESOLUTION = 0.1
+SIZE = 10.0
+AHEAD = 1.5
+FILL_REACH = 1.5
 
-def make_map(x: float, y: float, resolution: float, heights: Array, known: Mask) -> ElevationMap:
+
+def make_map(x: float, y: float, heights: Array, known: Mask) -> ElevationMap:
     """A map whose first cell has its centre at *x*, *y*."""
     rows, columns = heights.shape
-    return ElevationMap(x, y, resolution, rows, columns, heights.astype("<f4").tobytes(), known.astype("u1").tobytes())
+    return ElevationMap(x, y, RESOLUTION, rows, columns, heights.astype("<f4").tobytes(), known.astype("u1").tobytes())
 
 
 def heights_of(ground: ElevationMap) -> Array:
@@ -31,18 +34,13 @@ def known_cells(ground: ElevationMap) -> Mask:
     return np.frombuffer(ground.known, dtype="u1").reshape(ground.rows, ground.columns).astype(bool)
 
 
-def cells_at(ground: ElevationMap, x: Array, y: Array) -> tuple[Cells, Cells, Mask]:
-    """Row and column (clipped) of each point, and whether the point is on the map."""
+def heights_along(ground: ElevationMap, x: Array, y: Array) -> Array:
+    """The height of the cell below each point; NaN off the map."""
     row = np.rint((x - ground.x) / ground.resolution).astype(np.intp)
     column = np.rint((y - ground.y) / ground.resolution).astype(np.intp)
     inside = (row >= 0) & (row < ground.rows) & (column >= 0) & (column < ground.columns)
-    return row.clip(0, ground.rows - 1), column.clip(0, ground.columns - 1), inside
-
-
-def heights_along(ground: ElevationMap, x: Array, y: Array) -> Array:
-    """The height of the cell below each point; NaN off the map."""
-    row, column, inside = cells_at(ground, x, y)
-    return np.where(inside, heights_of(ground)[row, column], np.nan)
+    heights = heights_of(ground)[row.clip(0, ground.rows - 1), column.clip(0, ground.columns - 1)]
+    return np.where(inside, heights, np.nan)
 
 
 def height_at(ground: ElevationMap, x: float, y: float) -> float:
@@ -50,10 +48,9 @@ def height_at(ground: ElevationMap, x: float, y: float) -> float:
     return float(heights_along(ground, np.array([x]), np.array([y]))[0])
 
 
-def unknown_map(window: Window, resolution: float = 0.1) -> ElevationMap:
+def unknown_map(window: Window) -> ElevationMap:
     """A map of which nothing is known."""
-    cell = make_map(window.x, window.y, resolution, np.array([[np.nan]]), np.zeros((1, 1), dtype=bool))
-    return cut(cell, window)
+    return cut(make_map(window.x, window.y, np.array([[np.nan]]), np.zeros((1, 1), dtype=bool)), window)
 
 
 def cut(ground: ElevationMap, window: Window) -> ElevationMap:
@@ -62,16 +59,12 @@ def cut(ground: ElevationMap, window: Window) -> ElevationMap:
     row = round((window.x - window.reach - ground.x) / ground.resolution)
     column = round((window.y - window.reach - ground.y) / ground.resolution)
     heights, known = np.full((side, side), np.nan), np.zeros((side, side), dtype=bool)
-    here, there = overlap(ground, row + np.arange(side), column + np.arange(side))
+    rows, columns = row + np.arange(side), column + np.arange(side)
+    on_rows, on_columns = (rows >= 0) & (rows < ground.rows), (columns >= 0) & (columns < ground.columns)
+    here, there = np.ix_(on_rows, on_columns), np.ix_(rows[on_rows], columns[on_columns])
     heights[here], known[here] = heights_of(ground)[there], known_cells(ground)[there]
     x, y = ground.x + row * ground.resolution, ground.y + column * ground.resolution
-    return make_map(x, y, ground.resolution, heights, known)
-
-
-def overlap(ground: ElevationMap, rows: Cells, columns: Cells) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Of a grid whose cells have these rows and columns of a map: the cells that are on the map, here and there."""
-    on_rows, on_columns = (rows >= 0) & (rows < ground.rows), (columns >= 0) & (columns < ground.columns)
-    return np.ix_(on_rows, on_columns), np.ix_(rows[on_rows], columns[on_columns])
+    return make_map(x, y, heights, known)
 
 
 def with_obstacles(ground: ElevationMap, obstacles: Iterable[Obstacle]) -> ElevationMap:
@@ -81,7 +74,7 @@ def with_obstacles(ground: ElevationMap, obstacles: Iterable[Obstacle]) -> Eleva
     for each in obstacles:
         away = np.hypot(ground.x + ground.resolution * rows - each.x, ground.y + ground.resolution * columns - each.y)
         heights[away <= each.radius] = math.inf if each.is_wall else math.nan
-    return make_map(ground.x, ground.y, ground.resolution, heights, known_cells(ground))
+    return make_map(ground.x, ground.y, heights, known_cells(ground))
 
 
 def windows(ground: ElevationMap, x: float, y: float, reach: float) -> tuple[slice, slice]:
@@ -92,3 +85,82 @@ def windows(ground: ElevationMap, x: float, y: float, reach: float) -> tuple[sli
     return slice(max(row - cells, 0), max(row + cells + 1, 0)), slice(
         max(column - cells, 0), max(column + cells + 1, 0)
     )
+
+
+# --- from range images ------------------------------------------------------------------------------------------------
+
+
+def pack_scan(stance: Stance, points: Array) -> Scan:
+    """A scan as a message."""
+    return Scan(stance, points.astype("<f4").tobytes())
+
+
+def points_of(scan: Scan) -> Array:
+    """The world points (n, 3) of a scan."""
+    return np.frombuffer(scan.points, dtype="<f4").reshape(-1, 3).astype(np.float64)
+
+
+def build_elevation_map(points: Array, stance: Stance, previous: ElevationMap | None = None) -> ElevationMap:
+    """The ground around the robot: mean height of the *points* in each cell.
+
+    The feet count as points too: they are where the robot knows the ground best. Cells that were not seen are taken
+    from the *previous* map, then filled in from neighbours up to FILL_REACH away; farther cells stay NaN.
+    """
+    x, y = _corner(stance)
+    heights = _cell_means(np.vstack([points, positions(stance)]), x, y)
+    if previous is not None:
+        older = cut(previous, Window(x + SIZE / 2, y + SIZE / 2, SIZE / 2))  # by one row and column larger
+        measured = np.where(known_cells(older), heights_of(older), np.nan)[:-1, :-1]
+        heights = np.where(np.isfinite(heights), heights, measured)
+    known = np.isfinite(heights)
+    return make_map(x, y, _filled(heights), known)
+
+
+def _corner(stance: Stance) -> tuple[float, float]:
+    """The first cell of a map that reaches ahead; on multiples of the resolution, so that maps can be laid together."""
+    centre_x, centre_y = offset(stance.pose, AHEAD, 0.0)
+    return _on_lattice(centre_x - SIZE / 2), _on_lattice(centre_y - SIZE / 2)
+
+
+def _on_lattice(value: float) -> float:
+    return round(value / RESOLUTION) * RESOLUTION
+
+
+def _cell_means(points: Array, x: float, y: float) -> Array:
+    """The mean height of the points in each cell; NaN in cells without."""
+    side = round(SIZE / RESOLUTION)
+    cells = np.rint((points[:, :2] - (x, y)) / RESOLUTION).astype(np.intp)
+    inside = ((cells >= 0) & (cells < side)).all(axis=1)
+    index = cells[inside] @ (side, 1)
+    count = np.bincount(index, minlength=side * side)
+    total = np.bincount(index, weights=points[inside, 2], minlength=side * side)
+    means = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return means.reshape(side, side)
+
+
+def _filled(heights: Array) -> Array:
+    """Unknown cells grow inwards from the known ones, each the mean of its neighbours, then are smoothed."""
+    unknown = ~np.isfinite(heights)
+    cells = heights.copy()
+    for _ in range(math.ceil(FILL_REACH / RESOLUTION)):
+        missing = ~np.isfinite(cells)
+        if not missing.any():
+            break
+        cells = np.where(missing, _neighbour_means(cells, ~missing), cells)
+    for _ in range(4):
+        cells = np.where(unknown, _neighbour_means(cells, np.isfinite(cells)), cells)
+    return cells
+
+
+def _neighbour_means(cells: Array, valid: Mask) -> Array:
+    """The mean over each cell's valid 3x3 neighbourhood; NaN where there is none."""
+    total = _box_sum(np.where(valid, cells, 0.0))
+    count = _box_sum(valid.astype(np.float64))
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _box_sum(cells: Array) -> Array:
+    padded = np.pad(cells, 1)
+    rows = padded[:-2] + padded[1:-1] + padded[2:]
+    total: Array = rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:]
+    return total

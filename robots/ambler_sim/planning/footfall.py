@@ -83,10 +83,10 @@ def candidates(ground: ElevationMap, ideal: Foot, radius: float = SEARCH_RADIUS)
     margin = PATCH // 2
     rows, columns = windows(ground, ideal.x, ideal.y, radius + margin * ground.resolution)
     heights, known = heights_of(ground)[rows, columns], known_cells(ground)[rows, columns]
-    if min(heights.shape) < PATCH:
-        return _no_candidates()
-    patches = sliding_window_view(heights, (PATCH, PATCH)).reshape(-1, PATCH * PATCH)
     inner = known[margin:-margin, margin:-margin]
+    if not inner.size:
+        heights = np.full((PATCH, PATCH), np.nan)
+    patches = sliding_window_view(heights, (PATCH, PATCH)).reshape(-1, PATCH * PATCH)
     row, column = np.indices(inner.shape).reshape(2, -1)
     x = ground.x + ground.resolution * (rows.start + margin + row)
     y = ground.y + ground.resolution * (columns.start + margin + column)
@@ -110,10 +110,6 @@ def _fitted(patches: Array, x: Array, y: Array, known: Mask, resolution: float) 
         curvature=np.abs(2 * fit[3] + 2 * fit[5]),
         known=known,
     )
-
-
-def _no_candidates() -> Candidates:
-    return Candidates(np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=bool))
 
 
 def _is_sound(cells: Candidates) -> Mask:

@@ -1,15 +1,30 @@
 """The circulating gait: which leg steps next, about where, and how far the body follows.
 
 The rear-most leg of a side swings between the shafts to the front while five legs stand; the sides take turns. Per
-footstep the body advances half a metre, as in the outdoor runs of the real machine (500 m in 1000 footsteps).
+footstep the body advances half a metre, as in the outdoor runs of the real machine (500 m in 1000 footsteps): forward
+along the arc, level, at a constant height over its feet.
 """
 
 import math
 from dataclasses import replace
 
-from robots.ambler_sim.errors import ArcFinished
-from robots.ambler_sim.geometry import BODY_HEIGHT, TRACK, circulating_angle, offset, side_of
-from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Arc, Foot, Pose, Stance, Step
+import numpy as np
+
+from robots.ambler_sim.errors import NoStep, OutOfReach, UnstableMove
+from robots.ambler_sim.geometry import (
+    BODY_HEIGHT,
+    TRACK,
+    Array,
+    circulating_angle,
+    circulation,
+    offset,
+    seen_by,
+    side_of,
+    stance_joints,
+    within_limits,
+)
+from robots.ambler_sim.planning.stability import support_margin
+from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Arc, BodyMove, Foot, Pose, Stance, Step
 
 ADVANCE = 0.5
 TOLERANCE = 0.1
@@ -23,24 +38,30 @@ SHARPEST = 0.08
 # Before a left leg is lifted: the order of forward positions, relative to the body, of legs 0 to 5.
 STANDARD_POSITIONS = (0.5, -0.5, -1.5, 1.0, 0.0, -1.0)
 
+# 0.5 m in under 1 s makes the machine rock on two feet; below 0.6 m/s2 it stays within a fifth of a degree.
+ACCELERATION = 0.6
+SHORTEST = 0.5
+LEAST_MARGIN = 0.3
+OVERREACH = 0.03
+"""How far (m) beyond the limits a leg may get when its foot has crept; footholds are chosen with some reserve."""
+
 
 def next_step(stance: Stance, arc: Arc, leg: int = NO_LEG, advance: float = ADVANCE) -> Step:
     """The footstep to take from *stance* along *arc*, with *leg* if one is named, else the one whose turn it is; the
-    body goes on by *advance*. Raises ArcFinished when nothing remains.
+    body goes on by *advance*. Raises NoStep when nothing remains.
 
     The ideal foothold is beside the body, TRACK to the side, half way through the six steps for which the leg will
     stand.
     """
     done = progress(arc, stance.pose)
     if is_finished(arc, stance.pose):
-        message = f"the arc of {arc.length:.2f} m has been walked: {done:.2f} m"
-        raise ArcFinished(message)
+        raise NoStep(f"the arc of {arc.length:.2f} m has been walked: {done:.2f} m")
     target = min(done + advance, arc.length)
     leg = leg if leg in LEGS else next_leg(stance)
     support = tuple(_beside(arc, done + number * ADVANCE, stance.pose) for number in range(len(LEGS) + 1))
     return Step(
         leg=leg,
-        ideal=ideal_foothold(leg, support[len(LEGS) // 2], mean_height(stance.feet)),
+        ideal=foot_beside(support[len(LEGS) // 2], leg, 0.0, mean_height(stance.feet)),
         goal=_beside(arc, target, stance.pose),
         before=stance,
         support=support,
@@ -54,19 +75,15 @@ def next_leg(stance: Stance) -> int:
     return max(sorted(candidates), key=lambda leg: circulating_angle(stance.pose, stance.feet[leg]))
 
 
-def ideal_foothold(leg: int, middle: Pose, height: float) -> Foot:
-    """Beside the body at *middle*, TRACK to the leg's side."""
-    x, y = offset(middle, 0.0, TRACK if leg in LEGS[:3] else -TRACK)
+def foot_beside(pose: Pose, leg: int, ahead: float, height: float) -> Foot:
+    """A foot TRACK to the leg's side of a body at *pose*, and so far *ahead*."""
+    x, y = offset(pose, ahead, circulation(leg) * TRACK)
     return Foot(leg, x, y, height)
 
 
-def after_step(step: Step, foothold: Foot | None = None, goal: Pose | None = None) -> Stance:
-    """The stance that will be when the step is done, so that the next one can be planned while this one is walked.
-
-    Without *foothold* and *goal* the ideal ones are assumed: good enough to choose the next leg and its ideal foothold.
-    """
-    landed = foothold or step.ideal
-    return replace(with_foot(step.before, landed), pose=goal or step.goal, last_leg=step.leg)
+def after_step(step: Step, foothold: Foot, goal: Pose) -> Stance:
+    """The stance that will be when the step is done, so that the next one can be planned while this one is walked."""
+    return replace(with_foot(step.before, foothold), pose=goal, last_leg=step.leg)
 
 
 def with_foot(stance: Stance, landed: Foot) -> Stance:
@@ -76,11 +93,9 @@ def with_foot(stance: Stance, landed: Foot) -> Stance:
 
 def progress(arc: Arc, pose: Pose) -> float:
     """How many metres of the arc lie behind the point of it that is nearest to *pose*."""
-    dx, dy = pose.x - arc.start.x, pose.y - arc.start.y
-    forward = math.cos(arc.start.heading) * dx + math.sin(arc.start.heading) * dy
+    forward, left = seen_by(arc.start, pose)
     if abs(arc.curvature) < 1e-9:
         return forward
-    left = math.cos(arc.start.heading) * dy - math.sin(arc.start.heading) * dx
     turned = math.atan2(forward * arc.curvature, 1.0 - left * arc.curvature)
     # The heading tells which time around a circle it is: progress may exceed half a turn.
     about = pose.heading - arc.start.heading
@@ -98,7 +113,7 @@ def rejoin(course: Arc, pose: Pose) -> Arc:
     """
     target = pose_on(course, course.length + LOOKAHEAD)
     x, y = target.x - pose.x, target.y - pose.y
-    left = math.cos(pose.heading) * y - math.sin(pose.heading) * x
+    _, left = seen_by(pose, target)
     curvature = 2.0 * left / (x * x + y * y)
     return Arc(pose, max(-SHARPEST, min(SHARPEST, curvature)), remaining(course, pose))
 
@@ -121,7 +136,7 @@ def pose_on(arc: Arc, distance: float) -> Pose:
 
 def standard_feet(pose: Pose, height: float) -> tuple[Foot, ...]:
     """The standard configuration around *pose*: where feet are put at the beginning, or to recover from a muddle."""
-    return tuple(_standard_foot(pose, leg, ahead, height) for leg, ahead in enumerate(STANDARD_POSITIONS))
+    return tuple(foot_beside(pose, leg, ahead, height) for leg, ahead in enumerate(STANDARD_POSITIONS))
 
 
 def standard_places(stance: Stance, first: int) -> tuple[Foot, ...]:
@@ -135,13 +150,8 @@ def standard_places(stance: Stance, first: int) -> tuple[Foot, ...]:
         ahead = STANDARD_POSITIONS[:3] if first in side else STANDARD_POSITIONS[3:]
         order = sorted(side, key=lambda leg: circulating_angle(stance.pose, stance.feet[leg]))
         for leg, x in zip(order, ahead, strict=True):
-            places[leg] = _standard_foot(stance.pose, leg, x, height)
+            places[leg] = foot_beside(stance.pose, leg, x, height)
     return tuple(places[leg] for leg in LEGS)
-
-
-def _standard_foot(pose: Pose, leg: int, ahead: float, height: float) -> Foot:
-    x, y = offset(pose, ahead, TRACK if leg in LEGS[:3] else -TRACK)
-    return Foot(leg, x, y, height)
 
 
 def mean_height(feet: tuple[Foot, ...]) -> float:
@@ -157,3 +167,43 @@ def body_height(feet: tuple[Foot, ...]) -> float:
 def _beside(arc: Arc, distance: float, now: Pose) -> Pose:
     """A pose on the arc at the height the body has now."""
     return replace(pose_on(arc, distance), height=now.height)
+
+
+# --- how the body follows ---------------------------------------------------------------------------------------------
+
+
+def plan_body_move(step: Step, foothold: Foot) -> BodyMove:
+    """The body's part of a step whose leg now stands on *foothold*."""
+    return plan_shift(after_step(step, foothold, step.before.pose), step.goal)
+
+
+def plan_shift(stance: Stance, goal: Pose) -> BodyMove:
+    """Move the body to the x, y, heading of *goal* at the right height over the feet of *stance*.
+
+    Raises OutOfReach or UnstableMove when the feet do not allow it.
+    """
+    goal = replace(goal, height=body_height(stance.feet))
+    there = replace(stance, pose=goal)
+    require_reach(stance_joints(there), OVERREACH)
+    margin = support_margin(there)
+    if margin < LEAST_MARGIN:
+        raise UnstableMove(
+            f"the body at x {goal.x:.2f}, y {goal.y:.2f} would be {margin:.2f} m from tipping, not {LEAST_MARGIN}"
+        )
+    return BodyMove(goal, duration(stance.pose, goal))
+
+
+def duration(start: Pose, goal: Pose) -> float:
+    """Seconds for a cosine profile whose greatest acceleration is ACCELERATION; turning counts at 2 m radius."""
+    turn = 2.0 * (goal.heading - start.heading)
+    distance = math.hypot(goal.x - start.x, goal.y - start.y, goal.height - start.height, turn)
+    return max(SHORTEST, math.pi * math.sqrt(distance / (2 * ACCELERATION)))
+
+
+def require_reach(joints: Array, tolerance: float = 0.0) -> None:
+    """Raise OutOfReach when some leg's (angle, reach, drop) is more than *tolerance* metres beyond its limits."""
+    fit = within_limits(joints, -tolerance)
+    if not fit.all():
+        leg = int(np.argmin(fit))
+        _, reach, drop = joints[leg]
+        raise OutOfReach(f"leg {leg} would need reach {reach:.2f} m, drop {drop:.2f} m")

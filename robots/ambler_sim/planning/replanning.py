@@ -7,13 +7,19 @@ from dataclasses import dataclass, replace
 
 from robots.ambler_sim.errors import AmblerError, NoFootfall, NoStep, OutOfReach, PathBlocked, UnstableMove
 from robots.ambler_sim.geometry import AMBLER, SHOULDER_Z, circulating_angle, circulation, offset, side_of
-from robots.ambler_sim.planning.body import plan_body_move, plan_shift
 from robots.ambler_sim.planning.checks import is_stable, margins_of_body_move, margins_of_leg_move
-from robots.ambler_sim.planning.elevation import height_at
+from robots.ambler_sim.planning.elevation import AHEAD, SIZE, height_at
 from robots.ambler_sim.planning.footfall import choose_foothold
-from robots.ambler_sim.planning.gait import mean_height, next_leg, next_step, standard_places, with_foot
+from robots.ambler_sim.planning.gait import (
+    mean_height,
+    next_leg,
+    next_step,
+    plan_body_move,
+    plan_shift,
+    standard_places,
+    with_foot,
+)
 from robots.ambler_sim.planning.leg_recovery import plan_swing
-from robots.ambler_sim.planning.mapping import AHEAD, SIZE
 from robots.ambler_sim.planning.stability import conservative_margin, energy_margin
 from robots.ambler_sim.vocabulary import (
     LEGS,
@@ -161,7 +167,7 @@ def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]
     places = standard_places(stance, first=(blocked + len(LEGS) // 2) % len(LEGS))
     in_the_end = replace(stance, feet=places)
     moves: list[LegMove] = []
-    waiting = set(LEGS)
+    waiting: set[int] = set(LEGS)
     while safe := list(_safe_moves(ground, stance, [place for place in places if place.leg in waiting])):
         chosen = min(
             safe,

@@ -7,7 +7,7 @@ import resource
 from bisect import bisect_left, bisect_right
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain, pairwise
 from pathlib import Path
 
@@ -16,12 +16,12 @@ import msgspec
 from robots.ambler_sim.messages import CALIBRATE, FAULT_BEGAN, MOVE_BODY, TRAVERSE_PATH
 from robots.ambler_sim.modules.fault_injector import CENTRAL
 from robots.ambler_sim.run.rules import FOOTFALL, PLANNED_AHEAD, RULES, STABILITY
-from robots.ambler_sim.vocabulary import Footstep, Pose
+from robots.ambler_sim.vocabulary import ORIGIN, Footstep, Pose
 from tca_tools.check.checked_run import CheckedRun
 from tca_tools.check.rules import RULES as RULES_OF_TASKS
 from tca_tools.journal.fold import History
 from tca_tools.journal.journals import open_log
-from tca_tools.journal.records import Task, TaskState
+from tca_tools.journal.records import TaskState
 from tca_wire.points import Moment
 
 RECOVERIES = {
@@ -71,48 +71,34 @@ class MemoryUse:
         return f"{self.central:.0f} and {self.all:.0f} MB{grew}"
 
 
-@dataclass(slots=True)
-class ProgramLife:
-    """What a program needs (MB) by the metres walked, from its start on until it is killed or the walk ends."""
-
-    name: str
-    began: float
-    warm: tuple[float, float] = (math.inf, 0.0)
-    last: tuple[float, float] = (0.0, 0.0)
-
-    def look(self, metres: float, process: int) -> None:
-        """Note what its process needs now."""
-        self.last = metres, _megabytes(process)
-        if math.isinf(self.warm[0]) and metres >= self.began + WARM_UP:
-            self.warm = self.last
-
-    @property
-    def growth(self) -> float | None:
-        """MB in 100 m, since it has warmed up; None: too short a life to say."""
-        metres = self.last[0] - self.warm[0]
-        return 100 * (self.last[1] - self.warm[1]) / metres if metres >= WARM_UP else None
-
-
-@dataclass
 class Usage:
     """What programs need while the walk goes on. A program that was started anew has another life."""
 
-    lives: dict[int, ProgramLife] = field(default_factory=dict)
-    """By process."""
-
-    now: tuple[int, ...] = ()
+    def __init__(self) -> None:
+        self._lives: defaultdict[tuple[str, int], list[tuple[float, float]]] = defaultdict(list)
+        """By name and process: metres walked, and MB."""
+        self._now: tuple[tuple[str, int], ...] = ()
 
     def look(self, metres: float, processes: Mapping[str, int]) -> None:
         """Note what these programs need now."""
-        self.now = tuple(processes.values())
-        for name, process in processes.items():
-            self.lives.setdefault(process, ProgramLife(name, metres)).look(metres, process)
+        self._now = tuple(processes.items())
+        for name, process in self._now:
+            self._lives[name, process].append((metres, _megabytes(process)))
 
     def at_end(self) -> MemoryUse:
         """At the end of the walk, and how it came to that."""
-        ends = {self.lives[process].name: self.lives[process].last[1] for process in self.now}
-        growths = [(life.growth, life.name) for life in self.lives.values() if life.growth is not None]
-        return MemoryUse(ends.get(CENTRAL, 0.0), sum(ends.values()), *max(growths, default=(None, "")))
+        ends = {name: self._lives[name, process][-1][1] for name, process in self._now}
+        growths = [(growth_of(life), name) for (name, _), life in self._lives.items()]
+        known = [(growth, name) for growth, name in growths if growth is not None]
+        return MemoryUse(ends.get(CENTRAL, 0.0), sum(ends.values()), *max(known, default=(None, "")))
+
+
+def growth_of(life: Sequence[tuple[float, float]]) -> float | None:
+    """MB in 100 m, since the program has warmed up; None: too short a life to say."""
+    last = life[-1]
+    warm = next((look for look in life if look[0] >= life[0][0] + WARM_UP), last)
+    metres = last[0] - warm[0]
+    return 100 * (last[1] - warm[1]) / metres if metres >= WARM_UP else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,19 +150,15 @@ class Figures:
         share = self.error / self.way if self.way else 0.0
         slopes = ", ".join(f"{count} x {rise}" for rise, count in self.slopes.items())
         faults = [f"{each.recovered} of {each.injected} {kind}" for kind, each in sorted(self.faults.items())]
+        checks = f"moves checked before {self.checked_before:.0%}, leg moves after {self.checked_after:.0%}"
+        effort = f"{self.wall:.0f} s, {self.cpu:.0f} s of processor, load {self.load:.1f}"
         return [
             f"{self.footsteps} footsteps, {self.way:.1f} m; reckoned place {self.error:.2f} m ({share:.1%}) off",
             f"slopes under the path up to {self.steepest:.1%}: {slopes}",
             f"greatest tilt {self.most_tilt:.2f} degrees, least stability margin {self.least_margin:.2f} m",
             f"faults recovered: {', '.join(faults) or 'none came'}; operator called {self.operator_calls} times",
-            (
-                f"moves checked before {self.checked_before:.0%}, leg moves after {self.checked_after:.0%}; "
-                f"planned while the step before was walked {self.planned_ahead:.0%}"
-            ),
-            (
-                f"{self.wall:.0f} s, {self.cpu:.0f} s of processor, load {self.load:.1f}; "
-                f"memory of central and of all programs {self.memory}"
-            ),
+            f"{checks}; planned while the step before was walked {self.planned_ahead:.0%}",
+            f"{effort}; memory of central and of all programs {self.memory}",
             f"rules kept: {self.rules}",
             *(f"  {other}" for other in self.rules.others),
             f"footsteps' digest {self.digest}",
@@ -189,12 +171,14 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
     checked = CheckedRun.of(open_log(journal), RULES, history)
     steps = read_footsteps(record)
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    tasks = list(history.tasks.values())
-    recoveries = Counter(task.name for task in tasks if is_recovery(task) and task.state is TaskState.ACHIEVED)
+    mending = {"call operator", "do again", *chain.from_iterable(RECOVERIES.values())}
+    recoveries = Counter(
+        task.name for task in history.tasks.values() if task.name in mending and task.state is TaskState.ACHIEVED
+    )
     last = steps[-1] if steps else None
     return Figures(
         footsteps=len(steps),
-        way=sum(_distance(a, b) for a, b in pairwise([Pose(0, 0, 0, 0), *(step.true_pose for step in steps)])),
+        way=sum(_distance(a, b) for a, b in pairwise([ORIGIN, *(step.true_pose for step in steps)])),
         steepest=max((step.slope for step in steps), default=0.0),
         slopes=_histogram([step.slope for step in steps]),
         most_tilt=math.degrees(max((step.tilt for step in steps), default=0.0)),
@@ -230,12 +214,6 @@ def read_footsteps(record: Path) -> list[Footstep]:
     lines = record.read_bytes().splitlines()
     steps = (msgspec.json.decode(line, type=Footstep) for line in lines)
     return list({step.number: step for step in steps}.values())
-
-
-def is_recovery(task: Task) -> bool:
-    """Whether a task mended something."""
-    names = {name for names in RECOVERIES.values() for name in names}
-    return task.name in names or task.name in ("call operator", "do again")
 
 
 def _faults(history: History) -> dict[str, FaultFigures]:
@@ -286,11 +264,9 @@ def _rules(checked: CheckedRun) -> RuleFigures:
         return RuleFigures(0, number, ("not judged: a part of the journal can't be read",))
     idle = [judge for judge in checked.unbroken if judge.vacuous]
     broken = {each.rule: f"broken: {each.rule}: {each.what}" for each in reversed(checked.violations)}
-    others = (
-        *reversed(broken.values()),
-        *(f"no case on this walk: {judge.stated} ({judge.vacuous})" for judge in idle),
-    )
-    return RuleFigures(checked.rules_kept + len(checked.unbroken) - len(idle), number - len(idle), others)
+    vacuous = [f"no case on this walk: {judge.stated} ({judge.vacuous})" for judge in idle]
+    kept = checked.rules_kept + len(checked.unbroken) - len(idle)
+    return RuleFigures(kept, number - len(idle), (*reversed(broken.values()), *vacuous))
 
 
 def _histogram(slopes: Sequence[float]) -> dict[str, int]:

@@ -1,39 +1,30 @@
 """A walk: central, the Ambler's modules, its layers and the simulator, each a process; then the pictures of the run."""
 
 import argparse
-import pkgutil
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TimeElapsedColumn
 
-from robots.ambler_sim import layers
-from robots.ambler_sim.machine.terrain import scattered_rocks
 from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
 from robots.ambler_sim.messages import Path as PathToWalk
 from robots.ambler_sim.modules import task_manager
+from robots.ambler_sim.modules.controller import RECORD
 from robots.ambler_sim.modules.planners import PLANNERS
-from robots.ambler_sim.pictures.film import join_frames
+from robots.ambler_sim.options import LAYERS
+from robots.ambler_sim.pictures.film import FRAMES, join_frames
 from robots.ambler_sim.recovery import GIVE_UP, is_attached
 from robots.ambler_sim.run.figures import Figures, Usage, figures_of
 from robots.ambler_sim.run.losing import ProgramKiller
-from robots.show import forwarded, history
+from robots.show import history
 from tca_module import Module, TcaError
 from tca_module.sending.task_ref import SentTask
 from tca_tools.supervise.programs import START_TIME, Programs, central_in
-
-MODULES = ("scanner", "mapper", "gait planner")
-RECOVERY = "error recovery"
-
-LAYERS = tuple(sorted(each.name.replace("_", " ") for each in pkgutil.iter_modules(layers.__path__)))
-"""Programs that the others have never heard of: checks before and after moves, and what is done about failures."""
-
-ROCK_HEIGHTS = (0.6, 0.8)
 
 PICTURE_TIME = 300.0
 """Seconds that the last picture may take: on a busy machine without a graphics card more than half a minute."""
@@ -44,17 +35,15 @@ LOOK_PERIOD = 0.5
 ARC = 10.0
 """Metres, about."""
 
-FRAMES = "frames"
-"""The folder of photographs, within the walk's."""
-
 console = Console(highlight=False)
 
 
 @dataclass
 class Walk:
-    """One run and where its files go."""
+    """One run, its command line, and where its files go."""
 
     options: argparse.Namespace
+    arguments: list[str]
     folder: Path
     outputs: list[tuple[str, Path]] = field(default_factory=list)
     usage: Usage = field(default_factory=Usage)
@@ -79,15 +68,15 @@ class Walk:
 
     def programs(self) -> Iterator[tuple[str, str, list[str]]]:
         """The programs beside central, controller and task manager: name, Python module and arguments."""
-        for name in MODULES if self.options.bare else (*MODULES, RECOVERY):
-            yield name, f"modules.{name}", forwarded(self.options, "mode") if name == "gait planner" else []
+        for name in ("scanner", "mapper", *([] if self.options.bare else ["error recovery"])):
+            yield name, f"modules.{name}", []
+        yield "gait planner", "modules.gait planner", self.arguments
         for name in PLANNERS:
             yield name, "modules.planners", [name]
         for name in self.layers:
             yield f"{name} layer", f"layers.{name}", []
         if self.options.faults or self.options.fault:
-            kinds = ["--faults", ",".join(self.options.faults)] if self.options.faults else []
-            yield "fault injector", "modules.fault injector", [*kinds, *forwarded(self.options, "seed", "fault")]
+            yield "fault injector", "modules.fault injector", self.arguments
 
     def run(self) -> int:
         """Walk, then draw; the exit code."""
@@ -107,15 +96,8 @@ class Walk:
         """Start a controller; it takes the robot over from the one before, if there was one. With --swap-to, every
         other one is of that kind.
         """
-        options = argparse.Namespace(**vars(self.options))
-        if options.swap_to and number % 2:
-            options.backend = options.swap_to
-        scattered = scattered_rocks(options.seed, options.rocks, options.metres, ROCK_HEIGHTS)
-        options.rock = [*(list(astuple(rock)[:4]) for rock in scattered), *options.rock]
-        options.state, options.record = self.folder / "robot.json", self.folder / "footsteps.jsonl"
-        options.film = options.film and [[self.folder / FRAMES, options.film_from]]
-        given = "backend", "gui", "pace", "seed", "slope", "terrain", "rock", "state", "record", "film"
-        programs.start_module("controller", "robots.ambler_sim.modules.controller", *forwarded(options, *given))
+        other = ["--backend", self.options.swap_to] if self.options.swap_to and number % 2 else []
+        programs.start_module("controller", "robots.ambler_sim.modules.controller", *self.arguments, *other)
 
     def conduct(self, address: str, programs: Programs) -> bool:
         """Be the task manager: send the goal and watch it being achieved; whether it was."""
@@ -178,7 +160,7 @@ class Walk:
 
     def judge(self) -> Figures:
         """The walk in figures, which are also written into its folder."""
-        figures = figures_of(self.folder / "footsteps.jsonl", self.folder / "journal", self.usage, self.wall)
+        figures = figures_of(self.folder / RECORD, self.folder / "journal", self.usage, self.wall)
         (self.folder / "figures.json").write_bytes(msgspec.json.format(msgspec.json.encode(figures)))
         return figures
 
