@@ -205,7 +205,7 @@ def test_a_machine_without_a_steady_state_is_followed_once_round() -> None:
     [
         ({"final": 0.0}, "final must be above 0, and 1 at most, not 0.0"),
         ({"transition": 1.0}, "transition must be 0 or more, and less than 1, not 1.0"),
-        ({"horizon": 0}, "horizon must be 1 or more, or None for no limit, not 0"),
+        ({"horizon": 0}, "horizon must be 1 or more, or None for any number, not 0"),
     ],
 )
 def test_limits_that_make_no_sense_are_refused(wrong: dict[str, float], told: str) -> None:

@@ -16,7 +16,7 @@ from tca_wire.text.measures import counted, listed
 _ROUNDING = 1e-9
 
 
-def check(states: list[AuthoredState], facts: Mapping[str, Fact]) -> None:
+def check_machine(states: list[AuthoredState], facts: Mapping[str, Fact]) -> None:
     """Raises UnsoundMachine if a machine can't be run."""
     for state in states:
         _check_first(state)

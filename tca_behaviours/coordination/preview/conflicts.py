@@ -1,8 +1,7 @@
 """Whether an activity may run before its turn, by the facts that hold, are needed and are made."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
-from tca_behaviours.coordination.model.situation import Fact
 from tca_wire.coordination import Objection, Reason
 
 
@@ -30,8 +29,3 @@ class Reservations:
             if variable in reserved:
                 return Objection(state, Reason.CONFLICT, variable, reserved[variable])
         return None
-
-
-def holds(variable: str, value: Fact, facts: Mapping[str, Fact]) -> bool:
-    """Whether a variable is known to have this value."""
-    return variable in facts and facts[variable] == value

@@ -11,7 +11,7 @@ from tca_behaviours.coordination.model.mistakes import Mistakes
 from tca_behaviours.coordination.model.situation import Fact, Situation
 from tca_behaviours.coordination.preview.agents import Places
 from tca_behaviours.coordination.preview.branches import harmed
-from tca_behaviours.coordination.preview.conflicts import Reservations, holds
+from tca_behaviours.coordination.preview.conflicts import Reservations
 from tca_behaviours.coordination.preview.policy import Candidate, Policy, checked_share
 from tca_behaviours.coordination.preview.walk import PreviewLimits, most_likely
 from tca_wire.coordination import Foreseen, Objection, Reason
@@ -278,7 +278,7 @@ class _Deciding:
     def _objection(self, state: int, activity: Activity, *, is_running: bool) -> Objection | None:
         """What speaks against an activity that is to run now. One that runs may have changed what it needed."""
         for variable, value in activity.needs.items():
-            is_settled = variable not in self.unsettled and holds(variable, value, self.present.facts)
+            is_settled = variable not in self.unsettled and self.present.facts.get(variable) == value
             if not is_settled and not (is_running and variable in activity.makes):
                 return Objection(state, Reason.NEEDS, variable)
         return self.before.clash(state, activity.needs, activity.makes)

@@ -1,7 +1,6 @@
 """Coordinator: a machine whose runs are tasks of a module."""
 
 from contextlib import suppress
-from math import isfinite
 from threading import Lock
 from typing import Any
 
@@ -14,12 +13,14 @@ from tca_behaviours.coordination.running.look_ahead import LookAhead
 from tca_behaviours.coordination.running.messages import COORDINATION_EVENT, CoordinationEnd, MachineEvent
 from tca_behaviours.coordination.running.run import CoordinationRun
 from tca_module import Command, MisuseError, Module, Sender, Task, TcaError, Variable
+from tca_module.checks import DURATION, check, instance_of
 from tca_module.log import log_of
 from tca_wire.charts import MachineChart
 from tca_wire.coordination import CoordinationReport
 from tca_wire.points import TaskId
 
 _PATIENCE = 5.0
+_POLICY_OR_NONE = instance_of("a Policy such as Discrete(0.5)", Policy).or_none(" for no preview")
 
 
 class Coordinator:
@@ -41,7 +42,10 @@ class Coordinator:
         """*policy*: when activities start ahead of their states; None: never, without a preview. *limits*: where a
         preview ends. *patience*: seconds after which a task is killed that was asked to end and has not.
         """
-        _check(machine, policy, limits, patience)
+        check("Coordinator", instance_of("a Coordination", Coordination), machine=machine)
+        check("Coordinator", _POLICY_OR_NONE, policy=policy)
+        check("Coordinator", instance_of("PreviewLimits(...)", PreviewLimits).or_none(), limits=limits)
+        check("Coordinator", DURATION, patience=patience)
         self.machine = machine
         self.chart = machine.chart
         """The machine as data: those of its command."""
@@ -154,14 +158,3 @@ class Coordinator:
                 run.note_variable(variable.name, value)
 
         module.handles(variable, resource=resource)(note)
-
-
-def _check(machine: Any, policy: Any, limits: Any, patience: Any) -> None:
-    if not isinstance(machine, Coordination):
-        raise MisuseError(f"Coordinator wants a Coordination, not {machine!r:.60}")
-    if policy is not None and not isinstance(policy, Policy):
-        raise MisuseError(f"policy must be a Policy such as Discrete(0.5), or None for no preview, not {policy!r:.60}")
-    if limits is not None and not isinstance(limits, PreviewLimits):
-        raise MisuseError(f"limits must be PreviewLimits(...), not {limits!r:.60}")
-    if not isinstance(patience, int | float) or not isfinite(patience) or patience <= 0:
-        raise MisuseError(f"patience must be a number of seconds above 0, not {patience!r:.60}")
