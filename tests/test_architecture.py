@@ -176,7 +176,6 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "soundness": {"states"},
         "writing": {"states"},
         "library": {"states"},
-        "fast": {"states"},
         "__init__": set(),
     },
     "tca_behaviours.coordination": {

@@ -6,8 +6,7 @@ from typing import Annotated, Any
 
 import msgspec
 
-from tca_behaviours.activities.analysis import Demand, automatic, one_each, one_for_all
-from tca_behaviours.activities.analysis.policies import Policy
+from tca_behaviours.activities.analysis import Demand, Policy, automatic, one_each, one_for_all
 from tca_behaviours.activities.components import Component, initialise
 from tca_behaviours.activities.figures import allocation_report, application_figures
 from tca_behaviours.activities.processing import Baton, VirtualBaton

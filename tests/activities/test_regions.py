@@ -66,7 +66,8 @@ def test_a_region_agrees_with_the_statechart_library(chart: Drawn, events: list[
     ours: list[str] = []
     theirs: list[str] = []
     region = written(chart, flags, ours)
-    region.restart()
+    region.reset()
+    region.enter_first()
     oracle = LibraryInterpreter[RegionState, RegionTransition](list(written(chart, flags, theirs).root.all())[1:])
     oracle.restart()
     for event, true in [("", set[str]()), *events]:

@@ -6,37 +6,18 @@ them all.
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 from tca_behaviours.missions.charts.statechart import Statechart
 from tca_behaviours.missions.charts.states import MachineState
-from tca_behaviours.missions.outcomes import Status, TaskEnd
+from tca_behaviours.missions.client.mission import BaseMission
+from tca_behaviours.missions.client.task_handle import TaskHandle
+from tca_behaviours.missions.outcomes import Status
 from tca_module import TcaError
 from tca_wire.charts import ActiveStates, Ending, StateKind
 
 _PATIENCE = 5.0
 """So many seconds a machine that is stopped itself waits for its tasks."""
-
-
-class StartedTask(Protocol):
-    """A task that a mission has started."""
-
-    @property
-    def end(self) -> TaskEnd | None:
-        """Its end, once it is there."""
-
-    def stop(self, why: str = "") -> object:
-        """Ask it to end, without waiting for that."""
-
-
-class Starter(Protocol):
-    """What a machine needs of a mission."""
-
-    def start(self, task: str, /, **parameters: Any) -> Any:
-        """Begin a task, without waiting for it."""
-
-    def first_ended(self, tasks: list[Any], timeout: float | None = None) -> list[Any]:
-        """Wait until one of the tasks has ended; those that have, in the order of their ends."""
 
 
 _ENDINGS: dict[Status, Ending] = {
@@ -61,13 +42,13 @@ class MachineEnd(NamedTuple):
 class MachineRun:
     """One run of the machine whose states *root* holds; *publish* is told of its active states when they change."""
 
-    def __init__(self, root: MachineState, mission: Starter, publish: Callable[[ActiveStates], object]) -> None:
+    def __init__(self, root: MachineState, mission: BaseMission, publish: Callable[[ActiveStates], object]) -> None:
         self._root = root
         self._mission = mission
         self._publish = publish
         self._chart = Statechart(root, self._entered, self._left)
-        self._running: dict[MachineState, StartedTask] = {}
-        self._stopping: list[StartedTask] = []
+        self._running: dict[MachineState, TaskHandle] = {}
+        self._stopping: list[TaskHandle] = []
 
     def until_end(self) -> MachineEnd:
         """Run the machine until it has ended. Nothing that it has started runs on, whatever happens."""
@@ -89,6 +70,7 @@ class MachineRun:
         ended = self._mission.first_ended(list(self._running.values()))[0]
         state = next(state for state, task in self._running.items() if task is ended)
         end = ended.end
+        assert end is not None
         ending = ending_of(end.status)
         words = f"{state.label} {_WORDS[ending]}"
         self._chart.note_end(state, ending)
@@ -104,7 +86,7 @@ class MachineRun:
         if task is not None:
             self._stop(task, f"{self._root!r} has left {state!r}")
 
-    def _stop(self, task: StartedTask, why: str) -> None:
+    def _stop(self, task: TaskHandle, why: str) -> None:
         if task.end is None:
             task.stop(why)
             self._stopping.append(task)

@@ -75,7 +75,8 @@ def drawn(data: st.DataObject) -> StateMachine:
 @given(st.data())
 def test_sound_machines_run(data: st.DataObject) -> None:
     sm = drawn(data)
-    mission, published = Bored(data), list[ActiveStates]()
+    mission: Any = Bored(data)
+    published = list[ActiveStates]()
     run = MachineRun(sm.root, mission, published.append)
     with suppress(EndOfPlay):
         assert run.until_end().ending in endings_of(sm.root)[sm.root]
