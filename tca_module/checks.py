@@ -75,6 +75,12 @@ def check(call: object, kind: ArgumentKind, **values: Any) -> None:
             raise MisuseError(f"{call}: {name} must be {kind.words}, not {value!r:.60}{advice}")
 
 
+def check_known(lacks: str, name: object, known: Iterable[str]) -> None:
+    """Raise MisuseError for a name that is none of the known ones; *lacks* says what has it not, up to the name."""
+    if name not in (there := list(known)):
+        raise MisuseError(f"{lacks} {name!r:.60}: there are {', '.join(there) or 'none'}")
+
+
 def check_options(what: str, options: Mapping[str, Any], kinds: Mapping[str, ArgumentKind]) -> None:
     """Raise MisuseError for an option that *what* does not have, or whose value is of another kind."""
     if unknown := sorted(options.keys() - kinds.keys()):
@@ -83,7 +89,7 @@ def check_options(what: str, options: Mapping[str, Any], kinds: Mapping[str, Arg
         check(what, kinds[name], **{name: options[name]})
 
 
-def whole(words: str, least: int, most: int = 2**63 - 1) -> ArgumentKind:
+def whole(words: str, least: int, most: float = 2**63 - 1) -> ArgumentKind:
     """A whole number between the two."""
     return ArgumentKind(
         words, lambda value: isinstance(value, int) and not isinstance(value, bool) and least <= value <= most

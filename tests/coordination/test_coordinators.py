@@ -257,7 +257,7 @@ def test_an_event_that_nothing_leads_on_by_is_forgotten() -> None:
         run.central.until_quiet()
         run.event("done")  # that says the activity
         assert run.happened() == ["0 -> going to B (object given)", "0 base to B: current"]
-        with pytest.raises(MisuseError, match="has no event 'kick'; it has 'object given'"):
+        with pytest.raises(MisuseError, match="has no event 'kick': there are object given"):
             run.coordinator.post("kick")
 
 

@@ -11,6 +11,7 @@ from tca_behaviours.activities.components.region import Region
 from tca_behaviours.activities.components.states import RegionState, RegionTransition
 from tca_behaviours.statecharts.states import Step, UnsoundMachine
 from tca_module import MisuseError
+from tca_module.checks import check_known
 
 D = TypeVar("D")
 T = TypeVar("T")
@@ -120,8 +121,7 @@ class Component(Generic[D]):
 
     def post(self, event: str) -> None:
         """Tell all regions of an event; from any thread. Raises MisuseError if none has a transition for it."""
-        if event not in self._takers:
-            raise MisuseError(f"{self!r} has no event '{event}': there are {', '.join(sorted(self._takers)) or 'none'}")
+        check_known(f"{self!r} has no event", event, sorted(self._takers))
         for region in self._takers[event]:
             region.events.append(event)
 

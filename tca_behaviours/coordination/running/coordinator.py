@@ -13,7 +13,7 @@ from tca_behaviours.coordination.running.look_ahead import LookAhead
 from tca_behaviours.coordination.running.messages import COORDINATION_EVENT, CoordinationEnd, MachineEvent
 from tca_behaviours.coordination.running.run import CoordinationRun
 from tca_module import Command, MisuseError, Module, Sender, Task, TcaError, Variable
-from tca_module.checks import DURATION, check, instance_of
+from tca_module.checks import DURATION, check, check_known, instance_of
 from tca_module.log import log_of
 from tca_wire.charts import MachineChart
 from tca_wire.coordination import CoordinationReport
@@ -104,9 +104,7 @@ class Coordinator:
         """Tell the machine of an event; from any thread of the process in which it runs. A machine that does not run,
         or has no arrow for the event in its current state, does nothing.
         """
-        if event not in self.machine.events:
-            known = ", ".join(f"'{name}'" for name in sorted(self.machine.events)) or "none"
-            raise MisuseError(f"{self.machine!r} has no event {event!r:.60}; it has {known}")
+        check_known(f"{self.machine!r} has no event", event, sorted(self.machine.events))
         if (run := self._run) is not None:
             run.note_event(event)
 
