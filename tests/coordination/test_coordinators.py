@@ -312,9 +312,9 @@ def test_an_event_for_a_run_that_never_began_is_none_of_the_next(monkeypatch: py
             raise RuntimeError("no chart today")
         restart(interpreter)
 
-    monkeypatch.setattr(Interpreter, "restart", fail_once)
     coordinator, module = Coordinator(delivery(), policy=None), Module("coordinator")
     coordinator.handle_in(module)
+    monkeypatch.setattr(Interpreter, "restart", fail_once)
     with LocalCentral() as central, connect("user", central) as user:
         module.central = central
         with module.running():

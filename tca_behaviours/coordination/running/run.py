@@ -9,7 +9,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from tca_behaviours.coordination.model.activities import Activity
 from tca_behaviours.coordination.model.interpreter import Interpreter, TakenArrow
 from tca_behaviours.coordination.model.machine import Coordination
 from tca_behaviours.coordination.model.mistakes import Mistakes
@@ -91,8 +90,7 @@ class CoordinationRun:
             with suppress(TcaError):  # without central there is nothing to stop, and it ends them itself
                 self._work.kill_all(f"{self._machine!r} has ended")
             raise
-        label = self._machine.states[self._interpreter.current].label
-        return CoordinationEnd(label, self._transitions, self._work.kept, self._work.wasted)
+        return CoordinationEnd(self._interpreter.state.label, self._transitions, self._work.kept, self._work.wasted)
 
     def _is_over(self) -> bool:
         return self._interpreter.is_ended and self._told is not None and self._work.is_over
@@ -136,14 +134,11 @@ class CoordinationRun:
     def _situation(self) -> Situation:
         current = self._work.current
         return Situation(
-            self._machine.states[self._interpreter.current].label,
+            self._interpreter.state.label,
             self._work.plain_facts,
             self._variables,
             current.progress if current is not None else 0.0,
         )
-
-    def _activity(self, state: int) -> Activity | None:
-        return self._machine.states[state].activity
 
     def _begin_current(self) -> None:
         """Start the activity of the current state, if it has one and nothing is in its way any more; at the end, what
@@ -151,7 +146,7 @@ class CoordinationRun:
         """
         if self._interpreter.is_ended:
             self._work.restore()
-        activity = self._activity(self._interpreter.current)
+        activity = self._interpreter.state.activity
         if activity is not None and self._work.current is None:
             self._unmet = self._work.begin(self._interpreter.current, activity)
         self._is_entered = True
@@ -162,7 +157,7 @@ class CoordinationRun:
         ranks = {one.state: rank for rank, one in enumerate(decision.preview, 1)}
         speeds = {change.state: change.share for change in decision.speeds}
         for start in decision.starts:
-            activity, rank = self._activity(start.state), ranks[start.state]
+            activity, rank = self._machine.states[start.state].activity, ranks[start.state]
             assert activity is not None
             data = self._look_ahead.data_at(activity, start.share, rank, "does not run early")
             if data is not None:
@@ -210,7 +205,7 @@ class CoordinationRun:
 
     def _fail(self) -> bool:
         """The current activity has failed, and the machine has no arrow for that."""
-        label = self._machine.states[self._interpreter.current].label
+        label = self._interpreter.state.label
         if self._unmet:
             raise NEEDS_NOT_MET(text=f"'{label}' can't begin: {self._unmet}")
         assert self._work.current is not None

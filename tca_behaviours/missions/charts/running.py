@@ -57,7 +57,7 @@ class MachineRun:
             text = ""
             while (ending := self._chart.ending) is None:
                 running = [state.label for state in self._running]
-                self._publish(ActiveStates(running, text, self._chart.active))
+                self._publish(ActiveStates(running, text, [state.number for state in self._chart.active]))
                 text = self._step()
             self._wait_for_stopped()
         except BaseException:
