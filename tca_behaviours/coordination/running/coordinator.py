@@ -6,10 +6,12 @@ from typing import Any
 
 from tca_behaviours.coordination.model.interpreter import Interpreter
 from tca_behaviours.coordination.model.machine import Coordination
+from tca_behaviours.coordination.model.mistakes import Mistakes
+from tca_behaviours.coordination.preview.branches import needed_later
+from tca_behaviours.coordination.preview.decide import LookAhead
 from tca_behaviours.coordination.preview.policy import Policy
 from tca_behaviours.coordination.preview.walk import PreviewLimits
 from tca_behaviours.coordination.running.failures import FailureNotes
-from tca_behaviours.coordination.running.look_ahead import LookAhead
 from tca_behaviours.coordination.running.messages import COORDINATION_EVENT, CoordinationEnd, MachineEvent
 from tca_behaviours.coordination.running.run import CoordinationRun
 from tca_module import Command, MisuseError, Module, Sender, Task, TcaError, Variable
@@ -53,9 +55,10 @@ class Coordinator:
             f"coordinate {machine.name}", MachineChart, result=CoordinationEnd, progress=CoordinationReport
         )
         """The command that runs the machine."""
-        self._look_ahead = (
-            LookAhead(machine, policy, limits or PreviewLimits(), self._warn) if policy is not None else None
-        )
+        self._look_ahead = None
+        if policy is not None:
+            needed = needed_later(machine)
+            self._look_ahead = LookAhead(policy, limits or PreviewLimits(), needed, Mistakes(self._warn))
         self._patience = patience
         self._failures = FailureNotes(self.message.name)
         self._interpreter: Interpreter | None = None

@@ -14,10 +14,9 @@ from tca_behaviours.coordination.model.machine import Coordination
 from tca_behaviours.coordination.model.mistakes import Mistakes
 from tca_behaviours.coordination.model.situation import Situation
 from tca_behaviours.coordination.model.states import DONE, FAILED
-from tca_behaviours.coordination.preview.decide import Decision
+from tca_behaviours.coordination.preview.decide import Decision, LookAhead
 from tca_behaviours.coordination.running.activities_at_work import ActivitiesAtWork
 from tca_behaviours.coordination.running.failures import FailureNotes
-from tca_behaviours.coordination.running.look_ahead import LookAhead
 from tca_behaviours.coordination.running.messages import ACTIVITY_STOPPED, NEEDS_NOT_MET, CoordinationEnd
 from tca_module import Task, TcaError
 from tca_wire.coordination import CoordinationReport, Foreseen, Reason
@@ -129,7 +128,7 @@ class CoordinationRun:
             return Decision([])
         situation = self._situation()
         present = self._work.present(self._interpreter.current, situation, is_new=bool(self._taken))
-        return self._look_ahead.decide(present)
+        return self._look_ahead.decide(self._machine.automaton(situation, self._mistakes), present)
 
     def _situation(self) -> Situation:
         current = self._work.current

@@ -1,7 +1,9 @@
-"""Whether an activity may run before its turn, by the facts that hold, are needed and are made."""
+"""What activities take before their turn: variables, and places at agents. They are given to those that come first."""
 
+from collections import Counter
 from collections.abc import Iterable
 
+from tca_behaviours.coordination.model.activities import Agent, Do
 from tca_wire.coordination import Objection, Reason
 
 
@@ -29,3 +31,19 @@ class Reservations:
             if variable in reserved:
                 return Objection(state, Reason.CONFLICT, variable, reserved[variable])
         return None
+
+
+class Places:
+    """The places that are taken at each agent."""
+
+    def __init__(self) -> None:
+        self._taken: Counter[Agent] = Counter()
+
+    def take(self, tasks: Iterable[Do]) -> None:
+        """A place for each task, at each agent that it needs."""
+        self._taken.update(agent for task in tasks for agent in task.agents)
+
+    def full(self, tasks: Iterable[Do]) -> Agent | None:
+        """The first agent that has too few places left for these tasks, if any."""
+        wanted = Counter(agent for task in tasks for agent in task.agents)
+        return next((agent for agent, places in wanted.items() if self._taken[agent] + places > agent.tasks), None)
