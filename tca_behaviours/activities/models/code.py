@@ -1,8 +1,9 @@
 """The Python that is written anew each time: types and bases of components, and the application."""
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterable, Iterator
+from math import isfinite
 
-from tca_behaviours.activities.models.layout import call, imported, literal
 from tca_behaviours.activities.models.methods import Method, methods
 from tca_behaviours.activities.models.model import (
     ApplicationModel,
@@ -15,18 +16,24 @@ from tca_behaviours.activities.models.names import file_of
 from tca_behaviours.activities.models.statecharts import ordered
 
 MARK = "made by tca generate"
+_LONGEST = 88
+"""Characters of a line."""
+
+
+_BASES = '''"""Types of data and bases of components, {mark} from {model}.toml: changes would be lost."""
+# isort: skip_file
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from tca_behaviours.activities.components import Component
+'''
 
 
 def generated(model: ApplicationModel) -> Iterator[str]:
     """The module of types and bases."""
-    yield f'"""Types of data and bases of components, {MARK} from {model.name}.toml: changes would be lost."""'
-    yield "# isort: skip_file"
-    yield ""
-    yield from imported("abc", ["ABC", "abstractmethod"])
-    yield from imported("collections.abc", ["Callable"])
-    yield from imported("dataclasses", ["dataclass"])
-    yield ""
-    yield from imported("tca_behaviours.activities.components", ["Component"])
+    yield from _BASES.format(mark=MARK, model=model.name).splitlines()
     for name, kind in model.types.items():
         if kind.module:
             yield from imported(kind.module, [name])
@@ -50,11 +57,9 @@ def _class(decorator: str, name: str, about: str) -> Iterator[str]:
     yield f'    """{about}"""'
 
 
-def _fields(lines: Iterator[str]) -> Iterator[str]:
-    for number, line in enumerate(lines):
-        if not number:
-            yield ""
-        yield f"    {line}"
+def _fields(fields: Iterable[str]) -> list[str]:
+    lines = [f"    {field}" for field in fields]
+    return ["", *lines] if lines else []
 
 
 def _base(name: str, component: ComponentModel) -> Iterator[str]:
@@ -155,18 +160,22 @@ def written(method: Method) -> Iterator[str]:
 # --- the application -------------------------------------------------------------------------------------------------
 
 
+_APPLICATION = '''"""The components of {model}.toml, connected: {mark}, changes would be lost."""
+# isort: skip_file
+
+from contextlib import suppress
+from threading import Event
+from typing import Any
+
+from tca_behaviours.activities import Application
+'''
+
+
 def application(model: ApplicationModel, package: str) -> Iterator[str]:
     """The module that makes the instances and connects them."""
     kinds = sorted({instance.component for instance in model.instances.values()})
     title = model.name.replace("_", " ").replace("-", " ")
-    yield f'"""The components of {model.name}.toml, connected: {MARK}, changes would be lost."""'
-    yield "# isort: skip_file"
-    yield ""
-    yield from imported("contextlib", ["suppress"])
-    yield from imported("threading", ["Event"])
-    yield from imported("typing", ["Any"])
-    yield ""
-    yield from imported("tca_behaviours.activities", ["Application"])
+    yield from _APPLICATION.format(mark=MARK, model=model.name).splitlines()
     yield from imported("tca_behaviours.activities.components", ["Component", *["connect"] * bool(model.connections)])
     for kind in kinds:
         yield from imported(f"{package}{file_of(kind)}", [kind])
@@ -204,3 +213,33 @@ def _made(name: str, one: InstanceModel) -> Iterator[str]:
     if one.data:
         values = ", ".join(f"{field}={literal(value)}" for field, value in one.data.items())
         yield f"lambda: {one.component}Data({values})"
+
+
+# --- layout: as formatters have it, whatever their longest line is; what is too long is opened up ---------------------
+
+
+def call(indent: int, head: str, arguments: Iterable[str], tail: str = ")") -> list[str]:
+    """A statement whose *head* ends with a bracket."""
+    arguments, space = list(arguments), " " * indent
+    return _laid_out(f"{space}{head}{', '.join(arguments)}{tail}", space, head, arguments, tail)
+
+
+def imported(module: str, names: Iterable[str]) -> list[str]:
+    """An import of names."""
+    names = sorted(set(names), key=lambda name: (not name.isupper(), name.lower()))
+    line = f"from {module} import {', '.join(names)}"
+    return _laid_out(line, "", f"from {module} import (", names, ")") if names else []
+
+
+def _laid_out(line: str, space: str, head: str, parts: list[str], tail: str) -> list[str]:
+    """The line; or where it is too long, *head*, a line for each part, and *tail*."""
+    if len(line) <= _LONGEST:
+        return [line]
+    return [f"{space}{head}", *(f"{space}    {part}," for part in parts), f"{space}{tail}"]
+
+
+def literal(value: object) -> str:
+    """A value as Python's source."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    return repr(value) if not isinstance(value, float) or isfinite(value) else f'float("{value}")'

@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from tca_behaviours.missions.charts.own_task import run_as_task
+from tca_behaviours.missions.charts.running import run_as_task
 from tca_behaviours.missions.charts.soundness import endings_of
 from tca_behaviours.missions.charts.states import MachineState
 from tca_behaviours.missions.client.mission import BaseMission
