@@ -9,11 +9,20 @@ from typing import Any, TypeVar, get_args
 
 import msgspec
 
+from tca_tools.errors import ToolError
+from tca_wire.text.printable import printable
+
 _LONGEST_SHOWN = 60
 
 
-class BadUserFile(Exception):
+class BadUserFile(ToolError):
     """A file of the user's can't be used: which key, and what to do."""
+
+    exit_code = 2
+
+    def format_message(self) -> str:
+        """The line that is shown; keys may be of any characters."""
+        return printable(self.message)
 
 
 def read_toml(path: Path) -> dict[str, Any]:

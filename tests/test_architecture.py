@@ -212,7 +212,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
     "tca_tools": {
         "errors": set(),
         "user_file": set(),
-        "user_toml": set(),
+        "user_toml": {"errors"},
         "properties": set(),
         "live": set(),
         "supervise": {"user_toml"},

@@ -10,15 +10,10 @@ from tca_tools.supervise.output import Output
 from tca_tools.supervise.robot import run_robot
 from tca_tools.supervise.robot_file import RUN, RobotFile, load
 from tca_tools.supervise.supervised import GaveUp
-from tca_tools.user_toml import BadUserFile
 from tca_wire.text.printable import printable
 
 _PATIENCE = 2.0  # seconds for a screen that is slow, at the end
 _NOBODY_READS = 141
-
-
-class _BadFile(click.ClickException):
-    exit_code = 2
 
 
 @click.command()
@@ -37,12 +32,9 @@ def run(context: click.Context, file: Path, only: str | None, *, check: bool) ->
     The exit code is 0 after Ctrl-C or SIGTERM, or when all modules have ended well; 1 when one of them, ended for good,
     did not, or when a program crashed too often; 2 when the file is wrong.
     """
-    try:
-        robot = load(file)
-        if only is not None:
-            robot = robot.only([name.strip() for name in only.split(",")])
-    except BadUserFile as error:
-        raise _BadFile(printable(str(error))) from None
+    robot = load(file)
+    if only is not None:
+        robot = robot.only([name.strip() for name in only.split(",")])
     if check:
         _show(robot)
         return

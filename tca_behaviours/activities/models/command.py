@@ -8,14 +8,8 @@ from tca_behaviours.activities.models.dot import model_dot
 from tca_behaviours.activities.models.reading import read_model
 from tca_behaviours.activities.models.writing import write_code
 from tca_tools.drawing.picture_file import write_machine
-from tca_tools.user_toml import BadUserFile
-from tca_wire.text.printable import printable
 
 KINDS = (".svg", ".png", ".pdf", ".dot")
-
-
-class _BadModel(click.ClickException):
-    exit_code = 2
 
 
 @click.command()
@@ -42,8 +36,6 @@ def generate(model: Path, output: Path | None) -> None:
             write_machine(output, model_dot(read))
             return
         lines = write_code(read, output or model.parent)
-    except BadUserFile as error:
-        raise _BadModel(printable(str(error))) from None
     except OSError as error:
         raise click.ClickException(f"{error.filename}: {error.strerror}") from None
     click.echo("\n".join(lines))

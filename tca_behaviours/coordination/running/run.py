@@ -153,23 +153,19 @@ class CoordinationRun:
     def _begin_ahead(self, decision: Decision) -> None:
         if self._look_ahead is None:
             return
-        ranks = {one.state: rank for rank, one in enumerate(decision.preview, 1)}
-        speeds = {change.state: change.share for change in decision.speeds}
-        for start in decision.starts:
-            activity, rank = self._machine.states[start.state].activity, ranks[start.state]
-            assert activity is not None
-            data = self._look_ahead.data_at(activity, start.share, rank, "does not run early")
-            if data is not None:
-                self._work.begin_ahead(start.state, activity, start.share, rank, data)
-        for state, rank in ranks.items():
-            work = self._work.ahead(state)
+        shares = {one.state: one.share for one in (*decision.starts, *decision.speeds)}
+        for state, rank in {one.state: rank for rank, one in enumerate(decision.preview, 1)}.items():
+            work, activity = self._work.ahead(state), self._machine.states[state].activity
+            share = shares.get(state, work.share if work is not None else 0.0)
+            if activity is None or not share or (work is not None and (share, rank) == (work.share, work.rank)):
+                continue
+            otherwise = "does not run early" if work is None else "runs on as it does"
+            data = self._look_ahead.data_at(activity, share, rank, otherwise)
+            if data is None:
+                continue
             if work is None:
-                continue
-            share = speeds.get(state, work.share)
-            if (share, rank) == (work.share, work.rank):
-                continue
-            data = self._look_ahead.data_at(work.activity, share, rank, "runs on as it does")
-            if data is not None:
+                self._work.begin_ahead(state, activity, share, rank, data)
+            else:
                 work.share, work.rank, work.data = share, rank, data
         self._work.adapt_speeds()
 
