@@ -2,9 +2,8 @@
 
 import math
 from collections import deque
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
-from tca_behaviours.activities.activity import StateActivity
 from tca_behaviours.activities.processing.measured import Execution, Late, Load, TickTimes
 from tca_module import MisuseError
 from tca_module.checks import check, check_known, number
@@ -16,6 +15,21 @@ _LONG = 1.0  # seconds: no tick should take so long
 _LONGEST = 1e9  # seconds: threads can't wait for much longer
 _PERIOD = number(f"{_EXACT:g} to {_LONGEST:g} seconds", _EXACT, _LONGEST)
 _ESTIMATE = number(f"0 to {_LONGEST:g} seconds", 0, _LONGEST).or_none()
+
+
+class StateActivity(Protocol):
+    """Something short that is to be done once a period."""
+
+    name: str
+    """Unique in an application: "x.movement.moving", "x.movement.machine", "x.port handler"."""
+    component: str
+    period: float
+    """Seconds. The component's own wish; a processor may be told another."""
+    estimate: float | None
+    """Its longest execution time in seconds, as declared; None: it is to be measured."""
+
+    def tick(self) -> None:
+        """Do one step. Never blocks. The activity of a state does nothing while that state is not active."""
 
 
 class ScheduledActivity:

@@ -54,6 +54,11 @@ class Do:
     def __repr__(self) -> str:
         return f"Do({self.text})"
 
+    @property
+    def has_progress(self) -> bool:
+        """Whether it can report any."""
+        return self.message.progress.kind is not type(None)
+
 
 _DO = checks.instance_of("a Do", Do)
 _COST = checks.number("a number, 0 or more", 0, float_info.max)
@@ -113,7 +118,7 @@ class Activity:
     @property
     def has_progress(self) -> bool:
         """Whether a task of it can report any."""
-        return any(task.message.progress.kind is not type(None) for task in self.tasks)
+        return any(task.has_progress for task in self.tasks)
 
     def progress(self, report: Any) -> float:
         """The progress in [0, 1] that a report of one of its tasks stands for."""

@@ -33,9 +33,7 @@ class ActivityTask:
         send: Any = under.command if isinstance(do.message, Command) else under.goal
         self.sent: SentTask[Any] = send(do.message, data, sequential=False, priority=-rank)
         self.sent.on_change(lambda change: heard(self, change))
-        self.has_progress = do.message.progress.kind is not type(None)
-        """Whether it can report any."""
-        self._reports = self.sent.progress() if self.has_progress else None
+        self._reports = self.sent.progress() if do.has_progress else None
 
     @property
     def has_failed(self) -> bool:
@@ -135,7 +133,7 @@ class StartedActivity:
     @property
     def progress(self) -> float:
         """The least progress of those tasks that can report any."""
-        return min((task.progress for task in self.tasks if task.has_progress), default=float(self.is_over))
+        return min((task.progress for task in self.tasks if task.do.has_progress), default=float(self.is_over))
 
     def update_tasks(self) -> None:
         """Tell its tasks of their data, where these have changed."""
