@@ -14,13 +14,7 @@ from tca_behaviours.activities.models.model import (
     InstanceModel,
     TypeModel,
 )  # fmt: skip
-from tca_behaviours.activities.models.names import (
-    FILES,
-    check_attributes,
-    check_class,
-    check_name,
-    file_of,
-)
+from tca_behaviours.activities.models.names import FILES, check_attributes, check_class, check_name, file_of
 from tca_behaviours.activities.models.statecharts import check_estimate, check_region
 from tca_tools.user_toml import BadUserFile, check_known, read_table, read_toml, shown
 

@@ -99,7 +99,7 @@ class ActivitiesAtWork:
         """Start the activity of the current state, unless something is in its way: work that is about to end, or
         something to be restored first. Why it can never begin, in words; or "".
         """
-        if unmet := self._plain.unmet_in_words(activity):
+        if unmet := self._plain.unmet(activity):
             return unmet
         others = [one for one in self._all() if not one.is_over]
         if self._restoring is not None or any(one.state == state or one.conflicts_with(activity) for one in others):
@@ -107,7 +107,7 @@ class ActivitiesAtWork:
         if (spoiler := self._to_undo(activity)) is not None:
             self._undo(spoiler)
             return ""
-        if unmet := self._now.unmet_in_words(activity):
+        if unmet := self._now.unmet(activity):
             return unmet
         self.current = work = StartedActivity(state, activity, TaskRole.CURRENT, self._now.begin(activity))
         self._begin_entered(activity)

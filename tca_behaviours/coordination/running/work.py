@@ -163,13 +163,8 @@ class StartedActivity:
 
     def conflicts_with(self, activity: Activity) -> bool:
         """Whether an activity may not begin before this one has ended: they share an agent or a fact."""
-        return not self.is_over and (
-            not _busy(self).isdisjoint(agent for do in activity.tasks for agent in do.agents)
-            or not self.activity.makes.keys().isdisjoint(activity.needs.keys() | activity.makes.keys())
-            or not self.activity.needs.keys().isdisjoint(activity.makes.keys())
-        )
-
-
-def _busy(work: StartedActivity) -> set[Any]:
-    """The agents that take no further task."""
-    return {agent for task in work.tasks if not task.is_over for agent in task.do.agents if agent.tasks == 1}
+        busy = {agent for task in self.tasks if not task.is_over for agent in task.do.agents if agent.tasks == 1}
+        wanted = {agent for do in activity.tasks for agent in do.agents}
+        makes, needs = self.activity.makes.keys(), self.activity.needs.keys()
+        facts = (makes & (activity.needs.keys() | activity.makes.keys())) | (needs & activity.makes.keys())
+        return not self.is_over and bool(busy & wanted or facts)
