@@ -75,6 +75,12 @@ def check(call: object, kind: ArgumentKind, **values: Any) -> None:
             raise MisuseError(f"{call}: {name} must be {kind.words}, not {value!r:.60}{advice}")
 
 
+def check_known(lacks: str, name: object, known: Iterable[str]) -> None:
+    """Raise MisuseError for a name that is none of the known ones; *lacks* says what has it not, up to the name."""
+    if name not in (there := list(known)):
+        raise MisuseError(f"{lacks} {name!r:.60}: there are {', '.join(there) or 'none'}")
+
+
 def check_options(what: str, options: Mapping[str, Any], kinds: Mapping[str, ArgumentKind]) -> None:
     """Raise MisuseError for an option that *what* does not have, or whose value is of another kind."""
     if unknown := sorted(options.keys() - kinds.keys()):
@@ -83,13 +89,15 @@ def check_options(what: str, options: Mapping[str, Any], kinds: Mapping[str, Arg
         check(what, kinds[name], **{name: options[name]})
 
 
-def _whole(words: str, least: int, most: int = 2**63 - 1) -> ArgumentKind:
+def whole(words: str, least: int, most: float = 2**63 - 1) -> ArgumentKind:
+    """A whole number between the two."""
     return ArgumentKind(
         words, lambda value: isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
     )
 
 
-def _number(words: str, least: float, most: float = float("inf")) -> ArgumentKind:
+def number(words: str, least: float, most: float = float("inf")) -> ArgumentKind:
+    """A number between the two."""
     return ArgumentKind(
         words, lambda value: isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
     )
@@ -117,27 +125,30 @@ def _is_text(text: Any) -> bool:
 
 FLAG = instance_of("True or False", bool)
 TEXT = ArgumentKind("a text that can be sent", _is_text)
+LABEL = ArgumentKind("a text that is not blank", lambda text: isinstance(text, str) and bool(text.strip()))
+FUNCTION = ArgumentKind("a function", callable)
+FUNCTION_OR_NONE = FUNCTION.or_none()
 NAME = ArgumentKind(f"1 to {Limit.NAME:d} printable characters", lambda name: isinstance(name, str) and is_name(name))
 NAME_OR_NONE = NAME.or_none()
-SECONDS = _number("0 or more seconds, at most ten years", 0, LONGEST_TIME)
+SECONDS = number("0 or more seconds, at most ten years", 0, LONGEST_TIME)
 SECONDS_OR_NONE = SECONDS.or_none()
 DURATION = ArgumentKind("more than 0 seconds, at most ten years", lambda value: SECONDS.fits(value) and value > 0)
 DURATION_OR_NONE = DURATION.or_none()
-PERIOD = _number(f"{SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} seconds", SHORTEST_PERIOD, LONGEST_PERIOD)
-DELAY = _number(f"0 to {LONGEST_PERIOD:g} seconds", 0, LONGEST_PERIOD)
-PATIENCE = _number("0 or more seconds", 0)
+PERIOD = number(f"{SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} seconds", SHORTEST_PERIOD, LONGEST_PERIOD)
+DELAY = number(f"0 to {LONGEST_PERIOD:g} seconds", 0, LONGEST_PERIOD)
+PATIENCE = number("0 or more seconds", 0)
 TIMEOUT = PATIENCE.or_none(" to wait for ever")
-COUNT = _whole("1 or more", 1)
+COUNT = whole("1 or more", 1)
 MAXIMUM = COUNT.or_none(" for any number")
 HUNG = one_of("'wait' or 'replace'", ("wait", "replace"))
-CAPACITY = _whole("1 to 256", 1, 256)
-PENDING = _whole(f"1 to {MOST_PENDING:,}", 1, MOST_PENDING).or_none()
-AMOUNT = _whole("0 or more", 0)
+CAPACITY = whole("1 to 256", 1, 256)
+PENDING = whole(f"1 to {MOST_PENDING:,}", 1, MOST_PENDING).or_none()
+AMOUNT = whole("0 or more", 0)
 PLAN_AHEAD = AMOUNT.or_none(" for any number")
-PRIORITY = _whole(
+PRIORITY = whole(
     f"a whole number from {-HIGHEST_PRIORITY:,} to {HIGHEST_PRIORITY:,}", -HIGHEST_PRIORITY, HIGHEST_PRIORITY
 )
-NUMBER = _whole("a number, as in the journal", 0)
+NUMBER = whole("a number, as in the journal", 0)
 POINT = instance_of("a point of a task, such as task.achieving.end", Point)
 POINT_OR_NONE = POINT.or_none()
 CONSTRAINT = instance_of("a constraint, such as a.achieving.end <= b.planning.start", Constraint)

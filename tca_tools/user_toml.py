@@ -4,7 +4,7 @@ import json
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import msgspec
 
@@ -28,16 +28,21 @@ _T = TypeVar("_T", bound=msgspec.Struct)
 
 
 def read_table(kind: type[_T], place: str, given: Any, defaults: dict[str, Any] | None = None) -> _T:
-    """The table that stands at a place of the file; the type of each field of *kind* has a description. Raises
-    BadUserFile.
+    """The table that stands at a place of the file, with the tables inside it; the type of each field of *kind* has a
+    description. Raises BadUserFile.
     """
     check_table(place, given)
     given = {**(defaults or {}), **given}
+    _check_table(kind, place, given)
+    return msgspec.convert(given, kind)
+
+
+def _check_table(kind: type[msgspec.Struct], place: str, given: Any) -> None:
+    check_table(place, given)
     check_keys(kind, place, given)
     for field in msgspec.structs.fields(kind):
         if field.required and field.encode_name not in given:
             raise BadUserFile(f"{place}.{field.encode_name} is missing: add {_wanted(field)}")
-    return msgspec.convert(given, kind)
 
 
 def check_table(place: str, given: Any) -> None:
@@ -52,10 +57,26 @@ def check_keys(kind: type[msgspec.Struct], place: str, given: dict[str, Any]) ->
     for key, value in given.items():
         if key not in fields:
             raise BadUserFile(f"{place}.{key} is unknown: {nearest_or_all(key, fields)}")
+        for name, row in _tables_in(value):
+            if inner := _kind_inside(fields[key]):
+                _check_table(inner, f"{place}.{key}.{name}", row)
         try:
             msgspec.convert(value, fields[key].type)
         except msgspec.ValidationError:
             raise BadUserFile(f"{place}.{key} must be {_wanted(fields[key])}, not {shown(value)}") from None
+
+
+def _kind_inside(field: msgspec.structs.FieldInfo) -> type[msgspec.Struct] | None:
+    """The kind of the tables that a field holds, by name or in a list; None if it holds none."""
+    inner = get_args(get_args(field.type)[0])[-1:]
+    return next((kind for kind in inner if isinstance(kind, type) and issubclass(kind, msgspec.Struct)), None)
+
+
+def _tables_in(value: Any) -> Iterable[tuple[Any, Any]]:
+    """Tables by name; a row of a list by its own name, or its number."""
+    if isinstance(value, list):
+        return [(row.get("name", number), row) for number, row in enumerate(value, 1) if isinstance(row, dict)]
+    return value.items() if isinstance(value, dict) else ()
 
 
 def shown(value: Any) -> str:

@@ -157,12 +157,11 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "__init__": {"client", "outcomes", "serving"},
     },
     "tca_behaviours.activities": {
-        "activity": set(),
-        "components": {"activity"},
+        "components": set(),
         "models": {"components"},
         "central_ports": {"components"},
         "reports": set(),
-        "processing": {"activity"},
+        "processing": set(),
         "analysis": set(),
         "figures": {"analysis", "processing", "reports"},
         "application": {"analysis", "components", "figures", "processing", "reports"},
@@ -175,7 +174,6 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "soundness": {"states"},
         "writing": {"states"},
         "library": {"states"},
-        "fast": {"states"},
         "__init__": set(),
     },
     "tca_behaviours.coordination": {

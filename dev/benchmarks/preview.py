@@ -23,7 +23,7 @@ from tca_behaviours.coordination import (
     most_likely,
 )
 from tca_behaviours.coordination.preview.branches import BareArrow, live_variables
-from tca_behaviours.coordination.preview.decide import Present, decide
+from tca_behaviours.coordination.preview.decide import LookAhead, Present
 from tca_module import Command
 
 AGENTS = [Agent(name) for name in ("base", "arm", "gripper", "camera")]
@@ -117,10 +117,10 @@ def main() -> None:
             looked_at = chain.looked_at
             walk = least(given.rounds, lambda chain=chain: most_likely(chain, 0, LIMITS))  # type: ignore[misc]
             present = Present(0, {}, Situation(progress=0.7))
-            needed = chain.needed
+            ahead = LookAhead(Discrete(), LIMITS, chain.needed)
             whole = least(
                 given.rounds,
-                lambda chain=chain, present=present, needed=needed: decide(chain, present, Discrete(), needed, LIMITS),  # type: ignore[misc]
+                lambda chain=chain, present=present, ahead=ahead: ahead.decide(chain, present),  # type: ignore[misc]
             )
             per_state = 1e3 * walk / len(found)
             print(

@@ -2,25 +2,27 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from math import inf
 from typing import Annotated, Any
 
 import msgspec
 
-from tca_behaviours.activities.analysis import Demand, automatic, one_each, one_for_all
-from tca_behaviours.activities.analysis.policies import Policy
+from tca_behaviours.activities.analysis import Demand, Policy, automatic, one_each, one_for_all
 from tca_behaviours.activities.components import Component, initialise
 from tca_behaviours.activities.figures import allocation_report, application_figures
 from tca_behaviours.activities.processing import Baton, VirtualBaton
 from tca_behaviours.activities.processing.schedule import Processor, Schedule
 from tca_behaviours.activities.reports import AllocationReport, ApplicationFigures
-from tca_module import MisuseError
+from tca_module import MisuseError, checks
+from tca_module.checks import check
 
 POLICIES: dict[str, Policy] = {"one_for_all": one_for_all, "one_each": one_each, "automatic": automatic}
 """By their names."""
 BY_HAND = "by hand"
 
 _Allocation = dict[Annotated[str, msgspec.Meta(min_length=1)], list[str]]
-_MOST = 2**63  # more is no whole number for others
+_POSITION = checks.whole("0 or more", 0, inf).or_none()
+_PRIORITY = checks.whole("a whole number", -(2**63 - 1))
 
 
 class Application:
@@ -143,10 +145,8 @@ class Application:
         """Let another processor tick an activity: one that is there, or a new one of that name. It is subscribed last,
         or at a position (0 is the first). A processor without activities goes.
         """
-        if not (isinstance(processor, str) and processor):
-            raise MisuseError(f"a processor has a name, not {processor!r:.60}: give one, or call remove()")
-        if not (position is None or (isinstance(position, int) and position >= 0)):
-            raise MisuseError(f"the position on processor '{processor}' is 0 or more, not {position!r:.60}")
+        check("move()", checks.LABEL, processor=processor)
+        check("move()", _POSITION, position=position)
         with self._by_hand() as schedule:
             now = self._baton.clock()
             one = schedule.activity(activity)
@@ -165,13 +165,11 @@ class Application:
 
     def set_priority(self, processor: str, priority: int) -> None:
         """The higher one goes first. All begin with 0, and among equal ones the shorter period goes first."""
-        if not (isinstance(priority, int) and abs(priority) < _MOST):
-            raise MisuseError(f"the priority of processor '{processor}' is a whole number, not {priority!r:.60}")
+        check("set_priority()", _PRIORITY, priority=priority)
         with self._by_hand() as schedule:
-            if (found := schedule.processor(processor)) is None:
-                there = ", ".join(one.name for one in schedule.processors) or "none"
-                raise MisuseError(f"there is no processor '{processor}': there are {there}")
-            found.priority = priority
+            processors = {one.name: one for one in schedule.processors}
+            checks.check_known("there is no processor", processor, processors)
+            processors[processor].priority = priority
 
     def on_change(self, function: Callable[[], object]) -> None:
         """Call a function after each change of the allocation, and after start and stop: in the thread that makes the

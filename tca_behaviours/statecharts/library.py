@@ -13,11 +13,15 @@ except ImportError:
     raise ImportError(missing_package("a state machine", "python-statemachine", "charts")) from None
 
 
-class LibraryChart:
-    """A statechart by its definition: it calls the steps ``enter`` and ``exit`` of its states."""
+class LibraryChart(Generic[S]):
+    """A statechart by the definition that a subclass makes: it calls the steps ``enter`` and ``exit`` of its states."""
 
-    def __init__(self, definition: dict[str, Any]) -> None:
+    def __init__(self, states: Sequence[S]) -> None:
+        """*states*: all, in the order in which they are written."""
+        self._names = {state: f"s{number}" for number, state in enumerate(states)}
         self._chart: Any = None
+
+    def _compile(self, definition: dict[str, Any]) -> None:
         self._class: Any = create_machine_class_from_definition(
             "Machine",
             definition,
@@ -43,8 +47,13 @@ class LibraryChart:
         self._chart.send(event)
 
     @property
-    def active(self) -> Any:
-        """The names of the active states."""
+    def active(self) -> list[S]:
+        """The active states, in the order in which they are written."""
+        names = self._active_names
+        return [state for state, name in self._names.items() if name in names]
+
+    @property
+    def _active_names(self) -> Any:
         assert self._chart is not None, "begin() comes first"
         return self._chart.configuration_values
 
@@ -55,38 +64,26 @@ def _in_order(states: Any) -> Iterator[Any]:
         yield from _in_order(state.states)
 
 
-class LibraryInterpreter(Generic[S, A]):
+class LibraryInterpreter(LibraryChart[S], Generic[S, A]):
     """A machine of events at work. A leaf is an atomic state and a compound a compound state, with their final states.
 
     It runs to completion: the end of a compound may follow from an event, and that of another from that.
     """
 
     def __init__(self, states: Sequence[S]) -> None:
-        """*states*: all, in the order in which they are written."""
-        self._names = {state: f"s{number}" for number, state in enumerate(states)}
-        self._states = {name: state for state, name in self._names.items()}
+        super().__init__(states)
         events = dict.fromkeys(arrow.event for state in states for arrow in state.arrows)
         self._events = {event: f"e{number}" for number, event in enumerate(events)}  # users' may have any name
         self._now: Any = None
         self._taken: list[A] = []
         tops = [state for state in states if state.parent not in self._names]
-        definition = {self._names[state]: self._defined(state, is_first=state is tops[0]) for state in tops}
-        self._chart = LibraryChart(definition)
-
-    def restart(self) -> None:
-        """Begin in the first leaf."""
-        self._chart.begin()
-
-    @property
-    def active(self) -> tuple[S, ...]:
-        """The active states, innermost first."""
-        return tuple(self._states[name] for name in reversed(list(self._states)) if name in self._chart.active)
+        self._compile({self._names[state]: self._defined(state, is_first=state is tops[0]) for state in tops})
 
     def take(self, event: str, now: Any = None) -> Sequence[A]:
         """Tell it of an event; guards look at *now*. The arrows that were taken."""
         self._now, self._taken = now, []
         if event in self._events:
-            self._chart.send(self._events[event])
+            self.send(self._events[event])
         return self._taken
 
     # --- its definition --------------------------------------------------------------------------------------------

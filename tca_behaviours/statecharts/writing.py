@@ -6,6 +6,7 @@ from typing import Any, Generic, Self, TypeVar, cast
 
 from tca_behaviours.statecharts.states import A, State, UnsoundMachine, chart_of
 from tca_module import MisuseError
+from tca_module.checks import LABEL, check
 from tca_tools.drawing.picture_file import write_machine
 from tca_tools.errors import ToolError
 from tca_wire.charts import MachineChart, StateKind
@@ -46,8 +47,7 @@ class BlockMachine(ABC, Generic[B]):
 
     def __init__(self, name: str, root: B) -> None:
         """*root*: the container that is the whole machine."""
-        if not isinstance(name, str) or not name.strip():
-            raise MisuseError(f"a machine needs a name, not {name!r:.60}")
+        check("a machine", LABEL, name=name)
         self.name = name
         self.root = root
         self._labelled: dict[str, B] = {}
@@ -66,8 +66,7 @@ class BlockMachine(ABC, Generic[B]):
         """The container in which a state of this label is written."""
         if not self.root.open:
             raise MisuseError(f"{self!r}: its states are written inside its with block")
-        if not isinstance(label, str) or not label.strip():
-            raise MisuseError(f"{self!r}: the label of a state is text, not {label!r:.60}")
+        check(self, LABEL, label=label)
         if label in self._labelled:
             raise UnsoundMachine(f"{self!r} has two states '{label}': give one of them another label")
         return cast("B", self.root.open[-1])

@@ -57,11 +57,11 @@ def test_a_model_is_refused_or_runs(tables: dict[str, Any]) -> None:
     except BadUserFile:
         return
     assert model_dot(model)
-    compile(application(model, ""), "application.py", "exec")
-    modules = [generated(model), *(skeleton(one, model.types, "") for one in model.components.values())]
+    compile("\n".join(application(model, "")), "application.py", "exec")
+    modules = [generated(model), *(skeleton(model, name, "") for name in model.components)]
     names: dict[str, Any] = {"__name__": "generated"}
     for module in modules:
-        ours = "\n".join(line for line in module.splitlines() if not line.startswith("from generated"))
+        ours = "\n".join(line for line in module if not line.startswith("from generated"))
         exec(compile(ours, "module.py", "exec", dont_inherit=True), names)
     made = [names[name]("x") for name in model.components]
     for component in made:

@@ -147,12 +147,14 @@ def test_a_control_is_checked_when_it_is_made() -> None:
     assert Control("on", "lamp", {"": True}).data == {"": True}
     with pytest.raises(MisuseError) as refused:
         Control("on", Command("lamp", bool))  # type: ignore[arg-type]
-    assert str(refused.value).startswith("control 'on': message is a name, not Command('lamp'")
-    with pytest.raises(MisuseError, match="control 'on': data 'a' is a text, number or bool, not None"):
+    assert str(refused.value).startswith(
+        "control 'on': message must be a name, such as MESSAGE.name, not Command('lamp'"
+    )
+    with pytest.raises(MisuseError, match="control 'on': data must be a dictionary of texts, numbers and bools"):
         Control("on", "lamp", {"a": None})  # type: ignore[dict-item]
-    with pytest.raises(MisuseError, match="control 'on': data are a dictionary, not True: give"):
+    with pytest.raises(MisuseError, match="control 'on': data must be a dictionary of texts, numbers and bools"):
         Control("on", "lamp", True)  # type: ignore[arg-type]
-    with pytest.raises(MisuseError, match="control 'on': fields are ControlFields, not 'speed'"):
+    with pytest.raises(MisuseError, match="control 'on': fields must be a list of ControlFields"):
         Control("on", "lamp", fields=["speed"])  # type: ignore[list-item]
 
 

@@ -66,13 +66,14 @@ def test_a_region_agrees_with_the_statechart_library(chart: Drawn, events: list[
     ours: list[str] = []
     theirs: list[str] = []
     region = written(chart, flags, ours)
-    region.restart()
+    region.reset()
+    region.enter_first()
     oracle = LibraryInterpreter[RegionState, RegionTransition](list(written(chart, flags, theirs).root.all())[1:])
-    oracle.restart()
+    oracle.begin()
     for event, true in [("", set[str]()), *events]:
         flags.clear()
         flags.update(true)
         taken = region.take(event)
         assert len(oracle.take(event)) == len(taken)
-        assert region.path == tuple(state.label for state in reversed(oracle.active))
+        assert region.path == tuple(state.label for state in oracle.active)
         assert ours == theirs

@@ -16,10 +16,10 @@ from tca_behaviours.activities.analysis import (
     liu_layland,
     one_each,
     one_for_all,
+    period,
     response_bounds,
     utilisation,
 )
-from tca_behaviours.activities.analysis.response_times import period
 from tca_module.period import Period
 
 HYPERPERIOD = 120_000

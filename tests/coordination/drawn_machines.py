@@ -7,7 +7,7 @@ from random import Random
 
 from tca_behaviours.coordination import Activity, Agent, Do, Fact, LikelyArrow, Policy, PreviewLimits, Situation
 from tca_behaviours.coordination.preview.branches import BareArrow, live_variables
-from tca_behaviours.coordination.preview.decide import EarlyWork, Present, WorkPhase, decide
+from tca_behaviours.coordination.preview.decide import EarlyWork, LookAhead, Present, WorkPhase
 from tca_module import Command
 from tca_wire.coordination import Reason
 
@@ -245,7 +245,7 @@ class PlayedRun:
         spoilt = {name for _, names in self.spoilers for name in names}
         situation = Situation("", self.plain, {}, min(self.progress, 1.0))
         present = Present(self.current, self.now, situation, self.is_done, self.is_new, self.work, spoilt)
-        decision = decide(self.machine, present, self.policy, self.needed, self.limits)
+        decision = LookAhead(self.policy, self.limits, self.needed).decide(self.machine, present)
         self.is_new = False
         for stop in decision.stops:
             work = next(

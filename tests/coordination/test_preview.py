@@ -26,7 +26,7 @@ from tca_behaviours.coordination import (
     progress_only,
 )
 from tca_behaviours.coordination.preview.branches import needed_later
-from tca_behaviours.coordination.preview.decide import Decision, EarlyWork, Present, Start, WorkPhase, decide
+from tca_behaviours.coordination.preview.decide import Decision, EarlyWork, LookAhead, Present, Start, WorkPhase
 from tca_module import Command, MisuseError, Variable
 from tca_wire.coordination import Foreseen, Objection, Reason
 
@@ -118,7 +118,8 @@ def decided(
         work=work,
         spoilt=spoilt,
     )
-    return decide(automaton, present, policy or Discrete(0.5, progress_only), needed_later(machine), PreviewLimits())
+    look_ahead = LookAhead(policy or Discrete(0.5, progress_only), PreviewLimits(), needed_later(machine))
+    return look_ahead.decide(automaton, present)
 
 
 def ahead(label: str, phase: WorkPhase = WorkPhase.RUNNING, progress: float = 0.0) -> EarlyWork:
@@ -205,7 +206,7 @@ def test_a_machine_without_a_steady_state_is_followed_once_round() -> None:
     [
         ({"final": 0.0}, "final must be above 0, and 1 at most, not 0.0"),
         ({"transition": 1.0}, "transition must be 0 or more, and less than 1, not 1.0"),
-        ({"horizon": 0}, "horizon must be 1 or more, or None for no limit, not 0"),
+        ({"horizon": 0}, "horizon must be 1 or more, or None for any number, not 0"),
     ],
 )
 def test_limits_that_make_no_sense_are_refused(wrong: dict[str, float], told: str) -> None:
@@ -300,7 +301,7 @@ def test_a_result_that_is_no_longer_foreseen_costs_no_look_at_the_whole_machine(
     done = [EarlyWork(reach.number, WorkPhase.DONE)]
     present = Present(going.number, {**START, "arm": "B"}, situation(), work=done)
     limits = PreviewLimits(horizon=3)
-    assert decide(automaton, present, Discrete(0.5), needed_later(machine), limits).stops == []
+    assert LookAhead(Discrete(0.5), limits, needed_later(machine)).decide(automaton, present).stops == []
     assert len(asked) < 5
 
 

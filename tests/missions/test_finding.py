@@ -171,5 +171,7 @@ def test_the_idle_task_is_offered_too() -> None:
 
 
 def test_an_environment_that_is_none() -> None:
-    with pytest.raises(MisuseError, match="environment must inherit from Environment, not 3"):
+    with pytest.raises(
+        MisuseError, match="environment must be an object of a class that inherits from Environment, not 3"
+    ):
         TaskServer("gripper", 3)  # type: ignore[arg-type]

@@ -5,12 +5,12 @@ from functools import cached_property
 from threading import Lock, get_ident
 from typing import Any, Generic, TypeVar
 
-from tca_behaviours.activities.activity import StateActivity
 from tca_behaviours.activities.components.ports import InputPort, OutputPort
 from tca_behaviours.activities.components.region import Region
 from tca_behaviours.activities.components.states import RegionState, RegionTransition
 from tca_behaviours.statecharts.states import Step, UnsoundMachine
 from tca_module import MisuseError
+from tca_module.checks import check_known
 
 D = TypeVar("D")
 T = TypeVar("T")
@@ -35,7 +35,7 @@ class _Exclusion:
         return self._thread == get_ident()
 
 
-class _ComponentActivity:
+class ComponentActivity:
     """An activity of a component. If *state* is given it does nothing while that is not active."""
 
     def __init__(
@@ -120,27 +120,26 @@ class Component(Generic[D]):
 
     def post(self, event: str) -> None:
         """Tell all regions of an event; from any thread. Raises MisuseError if none has a transition for it."""
-        if event not in self._takers:
-            raise MisuseError(f"{self!r} has no event '{event}': there are {', '.join(sorted(self._takers)) or 'none'}")
+        check_known(f"{self!r} has no event", event, sorted(self._takers))
         for region in self._takers[event]:
             region.events.append(event)
 
-    def activities(self) -> list[StateActivity]:
+    def activities(self) -> list[ComponentActivity]:
         """All its activities, in the order in which data pass through them: the port handler, the state machine
         handlers of the regions, the activities of the states. Raises UnsoundMachine.
         """
         self._check()
-        found: list[StateActivity] = []
+        found: list[ComponentActivity] = []
         if self.inputs:
-            found.append(_ComponentActivity(self, "port handler", self._take_arrived, self._period, self._estimate))
+            found.append(ComponentActivity(self, "port handler", self._take_arrived, self._period, self._estimate))
         for region in self.regions.values():
             name = f"{region.name}.machine"
-            found.append(_ComponentActivity(self, name, region.tick, region.period, region.estimate))
+            found.append(ComponentActivity(self, name, region.tick, region.period, region.estimate))
         for region in self.regions.values():
             for state in region.states.values():
                 if step := state.activity:
                     name = f"{region.name}.{state.label}"
-                    found.append(_ComponentActivity(self, name, step, state.period, state.estimate, state))
+                    found.append(ComponentActivity(self, name, step, state.period, state.estimate, state))
         return found
 
     def initialise(self) -> None:

@@ -1,15 +1,14 @@
 """A region at work: one of its leaf states is active, and a tick of its machine makes one transition at most.
 
-So the execution time of a tick is bounded. Events wait in the region until one leads somewhere.
+So the execution time of a tick is bounded (decision 95). Events wait in the region until one leads somewhere.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import msgspec
 
 from tca_behaviours.activities.components.states import RegionState, RegionTransition
-from tca_behaviours.statecharts.fast import FastInterpreter
 from tca_behaviours.statecharts.soundness import check_arrows
 from tca_behaviours.statecharts.states import UnsoundMachine, chart_of
 from tca_wire.charts import MachineChart
@@ -32,11 +31,13 @@ class RegionChange(msgspec.Struct, frozen=True):
         return f"{self.component}.{self.region}: {self.source or 'start'} to {self.target}{by}"
 
 
-class Region(FastInterpreter[RegionState, RegionTransition]):
-    """One of the orthogonal regions of a component."""
+class Region:
+    """One of the orthogonal regions of a component. A test compares it with ``LibraryInterpreter``, its oracle."""
 
     def __init__(self, component: str, name: str, period: float, estimate: float | None) -> None:
-        super().__init__(RegionState(f"{component}.{name}" if component else name, None))
+        self.root = RegionState(f"{component}.{name}" if component else name, None)
+        self.active: tuple[RegionState, ...] = ()
+        """The active states, innermost first."""
         self.component = component
         self.name = name
         self.period = period
@@ -82,7 +83,14 @@ class Region(FastInterpreter[RegionState, RegionTransition]):
     def reset(self) -> None:
         """Go to the first state, without its entry function."""
         self.events.clear()
-        super().reset()
+        self._leave()
+        self._go_to(self.root.leaf, "")
+
+    def enter_first(self) -> None:
+        """Call the entry functions of the states in which it begins."""
+        for state in reversed(self.active):
+            if state.entry is not None:
+                state.entry()
 
     def tick(self) -> None:
         """Make the transition to which the oldest event leads; if none does, one without an event that may be made."""
@@ -92,8 +100,40 @@ class Region(FastInterpreter[RegionState, RegionTransition]):
                 return
         self.take("")
 
-    def _note(self, source: RegionState, leaf: RegionState, event: str) -> None:
-        before = source.label if source is not self.root else ""
-        change = RegionChange(self.component, self.name, before, leaf.label, event)
+    def take(self, event: str) -> Sequence[RegionTransition]:
+        """Tell it of an event. The transition that was made, if any: of the innermost state first, then in the order
+        written.
+        """
+        for state in self.active:
+            for arrow in state.by_event.get(event, ()):
+                if arrow.holds():
+                    self._make(arrow)
+                    return (arrow,)
+        return ()
+
+    def _make(self, arrow: RegionTransition) -> None:
+        """Leave states up to the one around both ends, and enter those down to the target. The region is whole whatever
+        an exit or entry function raises: still there, or there already.
+        """
+        staying = arrow.around
+        for state in self.active:
+            if state not in staying and state.exit is not None:
+                state.exit()
+        self._go_to(arrow.target.leaf, arrow.event)
+        for state in reversed(self.active):
+            if state not in staying and state.entry is not None:
+                state.entry()
+
+    def _go_to(self, leaf: RegionState, event: str) -> None:
+        change = RegionChange(self.component, self.name, self.current, leaf.label, event)
+        self._leave()
+        self.active = leaf.path
+        for state in self.active:
+            state.is_active = True
         for function in self._told:
             function(change)
+
+    def _leave(self) -> None:
+        for state in self.active:
+            state.is_active = False
+        self.active = ()

@@ -16,6 +16,7 @@ from tca_behaviours.activities.manager.messages import (
     StatesReport,
 )
 from tca_module import Callback, CentralLost, MisuseError, Module, Sender, Task, Timeout
+from tca_module.checks import check_known
 
 PERIOD = 0.1
 """Seconds between two looks at what has changed."""
@@ -76,8 +77,7 @@ class Manager:
             self.application.remove(move.activity)
 
     def _set_policy(self, name: str) -> None:
-        if name not in POLICIES:
-            raise MisuseError(f"there is no policy '{name}': there are {', '.join(POLICIES)}")
+        check_known("there is no policy", name, POLICIES)
         self.application.allocate(POLICIES[name])
 
     # --- what is told -----------------------------------------------------------------------------------------------

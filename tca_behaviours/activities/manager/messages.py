@@ -4,7 +4,8 @@ import msgspec
 
 from tca_behaviours.activities.components import RegionChange
 from tca_behaviours.activities.reports import AllocationReport, ApplicationFigures
-from tca_module import Command, Failure, MisuseError, Variable
+from tca_module import Command, Failure, Variable
+from tca_module.checks import ArgumentKind, check, instance_of, list_of
 from tca_wire.charts import MachineChart
 
 
@@ -27,6 +28,14 @@ class ControlField(msgspec.Struct, frozen=True):
     most: float | None = None
 
 
+_NAME = instance_of("a name, such as MESSAGE.name", str)
+_DATA = ArgumentKind(
+    "a dictionary of texts, numbers and bools, such as {'': ...} for the whole data",
+    lambda data: isinstance(data, dict) and all(isinstance(value, str | int | float) for value in data.values()),
+)
+_FIELDS = list_of("a list of ControlFields", instance_of("a ControlField", ControlField))
+
+
 class Control(msgspec.Struct, frozen=True):
     """A button of the page: it sends a command or inform of the application's program."""
 
@@ -40,17 +49,10 @@ class Control(msgspec.Struct, frozen=True):
     """A heading for controls that follow one another."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.message, str):
-            raise MisuseError(f"control '{self.label}': message is a name, not {self.message!r:.60}: give MESSAGE.name")
-        if not isinstance(self.data, dict):
-            said = f"data are a dictionary, not {self.data!r:.60}: give {{'': ...}} for the whole data"
-            raise MisuseError(f"control '{self.label}': {said}")
-        for field in self.fields:
-            if not isinstance(field, ControlField):
-                raise MisuseError(f"control '{self.label}': fields are ControlFields, not {field!r:.60}")
-        for name, value in self.data.items():
-            if not isinstance(value, (str, int, float)):
-                raise MisuseError(f"control '{self.label}': data '{name}' is a text, number or bool, not {value!r:.60}")
+        call = f"control '{self.label}'"
+        check(call, _NAME, message=self.message)
+        check(call, _DATA, data=self.data)
+        check(call, _FIELDS, fields=self.fields)
 
 
 class ApplicationEntry(msgspec.Struct, frozen=True):

@@ -1,8 +1,9 @@
 """The Python that is written anew each time: types and bases of components, and the application."""
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterable, Iterator
+from math import isfinite
 
-from tca_behaviours.activities.models.layout import call, imported, literal
 from tca_behaviours.activities.models.methods import Method, methods
 from tca_behaviours.activities.models.model import (
     ApplicationModel,
@@ -10,41 +11,42 @@ from tca_behaviours.activities.models.model import (
     InstanceModel,
     RegionModel,
     StateModel,
-    TypeModel,
 )
 from tca_behaviours.activities.models.names import file_of
 from tca_behaviours.activities.models.statecharts import ordered
 
 MARK = "made by tca generate"
+_LONGEST = 88
+"""Characters of a line."""
 
 
-def generated(model: ApplicationModel) -> str:
+_BASES = '''"""Types of data and bases of components, {mark} from {model}.toml: changes would be lost."""
+# isort: skip_file
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from tca_behaviours.activities.components import Component
+'''
+
+
+def generated(model: ApplicationModel) -> Iterator[str]:
     """The module of types and bases."""
-    return "\n".join(_generated(model)) + "\n"
-
-
-def _generated(model: ApplicationModel) -> Iterator[str]:
-    yield f'"""Types of data and bases of components, {MARK} from {model.name}.toml: changes would be lost."""'
-    yield "# isort: skip_file"
-    yield ""
-    yield from imported("abc", ["ABC", "abstractmethod"])
-    yield from imported("collections.abc", ["Callable"])
-    yield from imported("dataclasses", ["dataclass"])
-    yield ""
-    yield from imported("tca_behaviours.activities.components", ["Component"])
-    for kind in model.types.values():
+    yield from _BASES.format(mark=MARK, model=model.name).splitlines()
+    for name, kind in model.types.items():
         if kind.module:
-            yield from imported(kind.module, [kind.name])
-    for kind in model.types.values():
+            yield from imported(kind.module, [name])
+    for name, kind in model.types.items():
         if not kind.module:
-            yield from _class("@dataclass(frozen=True)", kind.name, "Data that ports pass.")
+            yield from _class("@dataclass(frozen=True)", name, "Data that ports pass.")
             yield from _fields(f"{field}: {type_}" for field, type_ in kind.fields.items())
-    for component in model.components.values():
-        yield from _class("@dataclass", f"{component.name}Data", f"Data that the activities of {component.name} share.")
+    for name, component in model.components.items():
+        yield from _class("@dataclass", f"{name}Data", f"Data that the activities of {name} share.")
         yield from _fields(
             f"{field}: {type(value).__name__} = {literal(value)}" for field, value in component.data.items()
         )
-        yield from _base(component)
+        yield from _base(name, component)
 
 
 def _class(decorator: str, name: str, about: str) -> Iterator[str]:
@@ -55,16 +57,14 @@ def _class(decorator: str, name: str, about: str) -> Iterator[str]:
     yield f'    """{about}"""'
 
 
-def _fields(lines: Iterator[str]) -> Iterator[str]:
-    for number, line in enumerate(lines):
-        if not number:
-            yield ""
-        yield f"    {line}"
+def _fields(fields: Iterable[str]) -> list[str]:
+    lines = [f"    {field}" for field in fields]
+    return ["", *lines] if lines else []
 
 
-def _base(component: ComponentModel) -> Iterator[str]:
-    data = f"{component.name}Data"
-    yield from _class("", f"{component.name}Base(Component[{data}], ABC)", f"The base of {component.name}.")
+def _base(name: str, component: ComponentModel) -> Iterator[str]:
+    data = f"{name}Data"
+    yield from _class("", f"{name}Base(Component[{data}], ABC)", f"The base of {name}.")
     yield ""
     yield f"    def __init__(self, name: str, data: Callable[[], {data}] = {data}) -> None:"
     yield from call(8, "super().__init__(", ["name", "data", *_times(component.period, component.estimate)])
@@ -74,15 +74,15 @@ def _base(component: ComponentModel) -> Iterator[str]:
         yield from call(8, f"self.{port} = self.input(", arguments)
     for port, kind in component.outputs.items():
         yield from call(8, f"self.{port} = self.output(", [literal(port), kind])
+    for region, one in component.regions.items():
+        yield from call(8, f"self.{region} = self.region(", [literal(region), *_times(one.period, one.estimate)])
     for region in component.regions:
-        arguments = [literal(region.name), *_times(region.period, region.estimate)]
-        yield from call(8, f"self.{region.name} = self.region(", arguments)
-    for region in component.regions:
-        yield f"        self._write_{region.name}()"
-    for region in component.regions:
+        yield f"        self._write_{region}()"
+    for region, one in component.regions.items():
         yield ""
-        yield f"    def _write_{region.name}(self) -> None:"
-        yield from _region(region)
+        yield f"    def _write_{region}(self) -> None:"
+        yield f"        region = self.{region}"
+        yield from _region(one)
     for method in distinct(component):
         yield ""
         yield "    @abstractmethod"
@@ -90,7 +90,6 @@ def _base(component: ComponentModel) -> Iterator[str]:
 
 
 def _region(region: RegionModel) -> Iterator[str]:
-    yield f"        region = self.{region.name}"
     if region.transitions or any(state.inside for state in region.states):
         yield "        states = region.states"
     for state in ordered(region.states):
@@ -135,20 +134,17 @@ def _method(method: Method) -> Iterator[str]:
 # --- what is written once --------------------------------------------------------------------------------------------
 
 
-def skeleton(component: ComponentModel, types: dict[str, TypeModel], package: str) -> str:
+def skeleton(model: ApplicationModel, name: str, package: str) -> Iterator[str]:
     """The module in which a component is written by hand."""
-    return "\n".join(_skeleton(component, types, package)) + "\n"
-
-
-def _skeleton(component: ComponentModel, types: dict[str, TypeModel], package: str) -> Iterator[str]:
-    yield f'"""Component {component.name}, written by hand: tca generate began it, and leaves it alone."""'
+    component = model.components[name]
+    yield f'"""Component {name}, written by hand: tca generate began it, and leaves it alone."""'
     yield ""
-    names = {f"{package}generated": [f"{component.name}Base"]}
-    for name in {input_.type: None for input_ in component.inputs.values() if input_.type in types}:
-        names.setdefault(types[name].module or f"{package}generated", []).append(name)
+    names = {f"{package}generated": [f"{name}Base"]}
+    for kind in {input_.type: None for input_ in component.inputs.values() if input_.type in model.types}:
+        names.setdefault(model.types[kind].module or f"{package}generated", []).append(kind)
     for module in sorted(names):
         yield from imported(module, names[module])
-    yield from _class("", f"{component.name}({component.name}Base)", f"What the activities of {component.name} do.")
+    yield from _class("", f"{name}({name}Base)", f"What the activities of {name} do.")
     for method in distinct(component):
         yield ""
         yield from written(method)
@@ -164,22 +160,22 @@ def written(method: Method) -> Iterator[str]:
 # --- the application -------------------------------------------------------------------------------------------------
 
 
-def application(model: ApplicationModel, package: str) -> str:
+_APPLICATION = '''"""The components of {model}.toml, connected: {mark}, changes would be lost."""
+# isort: skip_file
+
+from contextlib import suppress
+from threading import Event
+from typing import Any
+
+from tca_behaviours.activities import Application
+'''
+
+
+def application(model: ApplicationModel, package: str) -> Iterator[str]:
     """The module that makes the instances and connects them."""
-    return "\n".join(_application(model, package)) + "\n"
-
-
-def _application(model: ApplicationModel, package: str) -> Iterator[str]:
     kinds = sorted({instance.component for instance in model.instances.values()})
     title = model.name.replace("_", " ").replace("-", " ")
-    yield f'"""The components of {model.name}.toml, connected: {MARK}, changes would be lost."""'
-    yield "# isort: skip_file"
-    yield ""
-    yield from imported("contextlib", ["suppress"])
-    yield from imported("threading", ["Event"])
-    yield from imported("typing", ["Any"])
-    yield ""
-    yield from imported("tca_behaviours.activities", ["Application"])
+    yield from _APPLICATION.format(mark=MARK, model=model.name).splitlines()
     yield from imported("tca_behaviours.activities.components", ["Component", *["connect"] * bool(model.connections)])
     for kind in kinds:
         yield from imported(f"{package}{file_of(kind)}", [kind])
@@ -187,8 +183,8 @@ def _application(model: ApplicationModel, package: str) -> Iterator[str]:
     yield from _class("", "Components", f"The components of {title}.")
     yield ""
     yield "    def __init__(self) -> None:"
-    for one in model.instances.values():
-        yield from call(8, f"self.{one.name} = {one.component}(", _made(one))
+    for name, one in model.instances.items():
+        yield from call(8, f"self.{name} = {one.component}(", _made(name, one))
     yield from call(8, "self.all: list[Component[Any]] = [", [f"self.{name}" for name in model.instances], "]")
     for connection in model.connections:
         ends = [f"self.{instance}.{port}" for instance, port in (connection.source, connection.target)]
@@ -212,8 +208,38 @@ if __name__ == "__main__":
     main()"""
 
 
-def _made(one: InstanceModel) -> Iterator[str]:
-    yield literal(one.name)
+def _made(name: str, one: InstanceModel) -> Iterator[str]:
+    yield literal(name)
     if one.data:
         values = ", ".join(f"{field}={literal(value)}" for field, value in one.data.items())
         yield f"lambda: {one.component}Data({values})"
+
+
+# --- layout: as formatters have it, whatever their longest line is; what is too long is opened up ---------------------
+
+
+def call(indent: int, head: str, arguments: Iterable[str], tail: str = ")") -> list[str]:
+    """A statement whose *head* ends with a bracket."""
+    arguments, space = list(arguments), " " * indent
+    return _laid_out(f"{space}{head}{', '.join(arguments)}{tail}", space, head, arguments, tail)
+
+
+def imported(module: str, names: Iterable[str]) -> list[str]:
+    """An import of names."""
+    names = sorted(set(names), key=lambda name: (not name.isupper(), name.lower()))
+    line = f"from {module} import {', '.join(names)}"
+    return _laid_out(line, "", f"from {module} import (", names, ")") if names else []
+
+
+def _laid_out(line: str, space: str, head: str, parts: list[str], tail: str) -> list[str]:
+    """The line; or where it is too long, *head*, a line for each part, and *tail*."""
+    if len(line) <= _LONGEST:
+        return [line]
+    return [f"{space}{head}", *(f"{space}    {part}," for part in parts), f"{space}{tail}"]
+
+
+def literal(value: object) -> str:
+    """A value as Python's source."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    return repr(value) if not isinstance(value, float) or isfinite(value) else f'float("{value}")'

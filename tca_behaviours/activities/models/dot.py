@@ -46,15 +46,14 @@ def _chart(model: ApplicationModel) -> MachineChart:
     """Components hold regions, and these their states."""
     states: list[ChartState] = []
     arrows: list[ChartArrow] = []
-    for component in model.components.values():
+    for component, kind in model.components.items():
         outer = len(states)
-        states.append(ChartState(component.name, StateKind.ALL, lines=list(_ports(component))))
-        for region in component.regions:
-            about = every(region.period, region.estimate)
-            states.append(ChartState(region.name, StateKind.COMPOUND, outer, about))
-            first, chart = len(states), region_of(region).chart
-            arrows += [ChartArrow(one.source + first, one.target + first, one.symbol) for one in chart.arrows]
-            states += [msgspec.structs.replace(one, parent=one.parent + first) for one in chart.states]
+        states.append(ChartState(component, StateKind.ALL, lines=list(_ports(kind))))
+        for region, one in kind.regions.items():
+            states.append(ChartState(region, StateKind.COMPOUND, outer, every(one.period, one.estimate)))
+            first, chart = len(states), region_of(region, one).chart
+            arrows += [ChartArrow(way.source + first, way.target + first, way.symbol) for way in chart.arrows]
+            states += [msgspec.structs.replace(state, parent=state.parent + first) for state in chart.states]
     return MachineChart(model.name, states, arrows)
 
 

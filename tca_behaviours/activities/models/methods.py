@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from tca_behaviours.activities.models.model import ComponentModel, RegionModel, StateModel
+from tca_behaviours.activities.models.model import ComponentModel, StateModel
 
 
 class Method(NamedTuple):
@@ -37,21 +37,21 @@ def methods(component: ComponentModel) -> Iterator[Method]:
     for port, input_ in component.inputs.items():
         about = f"A value has arrived at port '{port}'."
         yield Method(f"take_{port}", TAKER, f"inputs.{port}", about, input_.type)
-    for region in component.regions:
+    for name, region in component.regions.items():
         for state in region.states:
-            yield from _of_state(region, state)
+            yield from _of_state(name, state)
         for number, one in enumerate(region.transitions, 1):
             if one.when:
-                about = f"Whether '{region.name}' may go from '{one.source}' to '{one.target}'."
-                yield Method(one.when, GUARD, f"regions.{region.name}.transitions.{number}", about)
+                about = f"Whether '{name}' may go from '{one.source}' to '{one.target}'."
+                yield Method(one.when, GUARD, f"regions.{name}.transitions.{number}", about)
 
 
-def _of_state(region: RegionModel, state: StateModel) -> Iterator[Method]:
+def _of_state(region: str, state: StateModel) -> Iterator[Method]:
     steps = {
-        state.entry: f"'{region.name}' has come to '{state.name}'.",
-        state.exit: f"'{region.name}' leaves '{state.name}'.",
-        state.activity: f"Once a period, while '{region.name}' is in '{state.name}'.",
+        state.entry: f"'{region}' has come to '{state.name}'.",
+        state.exit: f"'{region}' leaves '{state.name}'.",
+        state.activity: f"Once a period, while '{region}' is in '{state.name}'.",
     }
     for method, about in steps.items():
         if method:
-            yield Method(method, STEP, f"regions.{region.name}.states.{state.name}", about)
+            yield Method(method, STEP, f"regions.{region}.states.{state.name}", about)

@@ -1,6 +1,6 @@
 """The model of an application, as its file has it. Seconds of 0 are not said."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta
@@ -8,7 +8,16 @@ from msgspec import Meta
 Word = Annotated[str, Meta(min_length=1, description="a name in quotes")]
 Words = Annotated[list[str], Meta(description='a list of names in quotes, such as ["enabling.enabled"]')]
 Seconds = Annotated[float, Meta(gt=0, le=86400, description="a number of seconds above 0")]
-Table = Annotated[dict[str, Any], Meta(description="a table")]
+TABLE = Meta(description="a table")
+Values = Annotated[dict[str, int | float | str | bool], Meta(description="a table of numbers, texts, true and false")]
+
+StateName = Annotated[
+    str,
+    Meta(
+        pattern="^(?!machine$)[A-Za-z][A-Za-z0-9_ -]{0,39}$",
+        description="a name in quotes, of letters, digits, ' ', '-' and '_'; not 'machine'",
+    ),
+]
 
 PLAIN_TYPES = ("bool", "float", "int", "str")
 
@@ -16,7 +25,6 @@ PLAIN_TYPES = ("bool", "float", "int", "str")
 class TypeModel(msgspec.Struct, frozen=True):
     """A type of data that ports pass: fields with their types, or a class of a module."""
 
-    name: str
     fields: dict[str, str] = {}
     module: str = ""
     """Of the class of that name, if it is imported."""
@@ -32,7 +40,7 @@ class InputModel(msgspec.Struct, frozen=True):
 class StateModel(msgspec.Struct, frozen=True, kw_only=True):
     """A state of a region: a row of ``states``."""
 
-    name: Word
+    name: StateName
     inside: Annotated[str, Meta(description="the name of the state that holds it")] = ""
     initial: Annotated[bool, Meta(description="true or false")] = False
     entry: Annotated[str, Meta(description="the name of a method")] = ""
@@ -52,36 +60,36 @@ class TransitionModel(msgspec.Struct, frozen=True, kw_only=True):
     needs: Words = []
 
 
+_ROWS = 'a list of tables, such as [{ name = "stopped" }]'
+
+
 class RegionModel(msgspec.Struct, frozen=True, kw_only=True):
     """A region."""
 
-    name: str
-    period: float
-    estimate: float
-    states: list[StateModel]
-    transitions: list[TransitionModel]
+    period: Seconds
+    estimate: Seconds = 0.0
+    states: Annotated[list[StateModel], Meta(min_length=1, description=_ROWS)]
+    transitions: Annotated[list[TransitionModel], Meta(description=_ROWS)] = []
 
 
 class ComponentModel(msgspec.Struct, frozen=True, kw_only=True):
     """A kind of component."""
 
-    name: str
-    period: float
-    estimate: float
-    data: dict[str, float | str | bool]
+    period: Seconds = 0.0
+    estimate: Seconds = 0.0
+    data: Values = {}
     """The first values of its fields, whose types follow from them."""
-    inputs: dict[str, InputModel]
-    outputs: dict[str, str]
+    inputs: Annotated[dict[str, InputModel], TABLE] = {}
+    outputs: Annotated[dict[str, str], TABLE] = {}
     """Their types."""
-    regions: list[RegionModel]
+    regions: Annotated[dict[str, RegionModel], TABLE] = {}
 
 
-class InstanceModel(msgspec.Struct, frozen=True):
+class InstanceModel(msgspec.Struct, frozen=True, kw_only=True):
     """A component of the application."""
 
-    name: str
-    component: str
-    data: dict[str, float | str | bool]
+    component: Word
+    data: Values = {}
     """First values that differ from those of its kind."""
 
 

@@ -11,7 +11,6 @@ from tca_tools.errors import BadUserFile
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 _CLASS = re.compile(r"[A-Z][A-Za-z0-9]{0,39}")
-_STATE = re.compile(r"[A-Za-z][A-Za-z0-9_ -]{0,39}")
 _OF_COMPONENTS = {name for name in {*dir(Component), *vars(Component("", dict))} if not name.startswith("__")}
 FILES = ("generated", "application")
 """Modules that are written anew each time."""
@@ -34,17 +33,11 @@ def check_class(place: str, name: str) -> None:
         )
 
 
-def check_state(place: str, name: str) -> None:
-    """That a state may be called so. Raises BadUserFile."""
-    if not _STATE.fullmatch(name) or name == "machine":
-        raise BadUserFile(f"{place}: '{name}' can't be a state: use letters, digits, ' ', '-' and '_'; not 'machine'")
-
-
 def check_attributes(place: str, component: ComponentModel) -> None:
     """That no name of a component stands for two things. Raises BadUserFile."""
     named = [(name, "an input port", f"inputs.{name}") for name in component.inputs]
     named += [(name, "an output port", f"outputs.{name}") for name in component.outputs]
-    named += [(region.name, "a region", f"regions.{region.name}") for region in component.regions]
+    named += [(name, "a region", f"regions.{name}") for name in component.regions]
     named += [(method.name, method.role, method.place) for method in methods(component)]
     used = dict.fromkeys(_OF_COMPONENTS, "part of every component")
     for name, role, where in named:

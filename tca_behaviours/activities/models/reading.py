@@ -4,68 +4,20 @@ import re
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
-
-import msgspec
-from msgspec import Meta
+from typing import Any, TypeVar
 
 from tca_behaviours.activities.models.model import (
     PLAIN_TYPES,
     ApplicationModel,
     ComponentModel,
     ConnectionModel,
-    InputModel,
     InstanceModel,
-    RegionModel,
-    Seconds,
-    StateModel,
-    Table,
-    TransitionModel,
     TypeModel,
-    Word,
 )  # fmt: skip
-from tca_behaviours.activities.models.names import (
-    FILES,
-    check_attributes,
-    check_class,
-    check_name,
-    check_state,
-    file_of,
-)
+from tca_behaviours.activities.models.names import FILES, check_attributes, check_class, check_name, file_of
 from tca_behaviours.activities.models.statecharts import check_estimate, check_region
 from tca_tools.errors import BadUserFile
 from tca_tools.user_toml import check_known, check_table, read_table, read_toml, shown
-
-
-class _File(msgspec.Struct):
-    components: Table
-    types: Table = {}
-    instances: Table = {}
-    connections: Table = {}
-
-
-class _Component(msgspec.Struct):
-    period: Seconds = 0.0
-    estimate: Seconds = 0.0
-    data: Table = {}
-    inputs: Table = {}
-    outputs: Table = {}
-    regions: Table = {}
-
-
-_Rows = Annotated[list[dict[str, Any]], Meta(description='a list of tables, such as [{ name = "stopped" }]')]
-
-
-class _Region(msgspec.Struct):
-    period: Seconds
-    states: _Rows
-    estimate: Seconds = 0.0
-    transitions: _Rows = []
-
-
-class _Instance(msgspec.Struct):
-    component: Word
-    data: Table = {}
 
 
 def read_model(path: Path) -> ApplicationModel:
@@ -81,26 +33,33 @@ def read_model(path: Path) -> ApplicationModel:
 
 def model_of(name: str, tables: dict[str, Any]) -> ApplicationModel:
     """The model that the tables of a file hold. Raises BadUserFile."""
-    file = _tables(tables)
+    _check_tables(tables)
     types: dict[str, TypeModel] = {}
-    for kind, fields in file.types.items():
+    for kind, fields in tables.get("types", {}).items():
         types[kind] = _type(kind, fields, types)
-    components = {kind: _component(kind, table, types) for kind, table in file.components.items()}
+    components = {kind: _component(kind, table, types) for kind, table in tables["components"].items()}
     _check_classes(types, components)
-    instances = {one: _instance(one, given, components) for one, given in file.instances.items()}
+    given = _in_full(tables.get("instances", {}), "component")
+    instances = {one: _instance(one, table, components) for one, table in given.items()}
     model = ApplicationModel(name, types, components, instances, [])
-    for one, outputs in file.connections.items():
+    for one, outputs in tables.get("connections", {}).items():
         model.connections.extend(_connections(model, one, outputs))
     return model
 
 
-def _tables(tables: dict[str, Any]) -> _File:
+def _check_tables(tables: dict[str, Any]) -> None:
     for key, table in tables.items():
-        check_known("top level", "table", key, _File.__struct_fields__)
+        check_known("top level", "table", key, ("components", "types", "instances", "connections"))
         check_table(key, table)
     if not tables.get("components"):
         raise BadUserFile("there is no component: add a table [components.NAME]")
-    return msgspec.convert(tables, _File)
+
+
+def _in_full(tables: Any, key: str) -> Any:
+    """Tables of which one key is enough, where that stands alone."""
+    if not isinstance(tables, dict):
+        return tables
+    return {name: {key: given} if isinstance(given, str) else given for name, given in tables.items()}
 
 
 def _check_classes(types: Iterable[str], components: Iterable[str]) -> None:
@@ -124,17 +83,15 @@ def _check_classes(types: Iterable[str], components: Iterable[str]) -> None:
 def _type(name: str, given: Any, known: dict[str, TypeModel]) -> TypeModel:
     place = f"types.{name}"
     check_class(place, name)
-    if isinstance(given, str):
-        module, _, kind = given.partition(":")
-        if kind != name or not all(part.isidentifier() for part in module.split(".")):
-            raise BadUserFile(f'{place} must be "MODULE:{name}" or a table of fields, not {shown(given)}')
-        return TypeModel(name, module=module)
-    if not isinstance(given, dict):
+    if isinstance(given, dict):
+        for field, kind in given.items():
+            check_name(f"{place}.{field}", field)
+            _check_type(f"{place}.{field}", kind, known)
+        return TypeModel(given)
+    module, _, kind = given.partition(":") if isinstance(given, str) else ("", "", "")
+    if kind != name or not all(part.isidentifier() for part in module.split(".")):
         raise BadUserFile(f'{place} must be "MODULE:{name}" or a table of fields, not {shown(given)}')
-    for field, kind in given.items():
-        check_name(f"{place}.{field}", field)
-        _check_type(f"{place}.{field}", kind, known)
-    return TypeModel(name, given)
+    return TypeModel(module=module)
 
 
 def _check_type(place: str, name: Any, types: dict[str, TypeModel]) -> None:
@@ -146,54 +103,22 @@ def _check_type(place: str, name: Any, types: dict[str, TypeModel]) -> None:
 def _component(name: str, given: Any, types: dict[str, TypeModel]) -> ComponentModel:
     place = f"components.{name}"
     check_class(place, name)
-    table = read_table(_Component, place, given)
-    for field, value in table.data.items():
+    if isinstance(given, dict) and "inputs" in given:
+        given = {**given, "inputs": _in_full(given["inputs"], "type")}
+    component = read_table(ComponentModel, place, given)
+    for field in component.data:
         check_name(f"{place}.data.{field}", field)
-        if not isinstance(value, float | int | str | bool):
-            raise BadUserFile(f"{place}.data.{field} must be a number, a text, true or false, not {shown(value)}")
-    inputs = {port: _input(f"{place}.inputs.{port}", row, types) for port, row in table.inputs.items()}
-    for port, kind in table.outputs.items():
+    for port, input_ in component.inputs.items():
+        _check_type(f"{place}.inputs.{port}", input_.type, types)
+    for port, kind in component.outputs.items():
         _check_type(f"{place}.outputs.{port}", kind, types)
-    if inputs and not table.period:
+    if component.inputs and not component.period:
         raise BadUserFile(f"{place}.period is missing: it has input ports, so add the period of its port handler")
-    regions = [_region(f"{place}.regions.{region}", region, row) for region, row in table.regions.items()]
-    component = ComponentModel(
-        name=name, period=table.period, estimate=table.estimate, data=table.data, inputs=inputs, outputs=table.outputs,
-        regions=regions,
-    )  # fmt: skip
     check_attributes(place, component)
-    check_estimate(place, table.period, table.estimate)
-    for one in regions:
-        check_region(f"{place}.regions.{one.name}", one, {region.name: region for region in regions})
+    check_estimate(place, component.period, component.estimate)
+    for region in component.regions:
+        check_region(f"{place}.regions.{region}", region, component.regions)
     return component
-
-
-def _input(place: str, given: Any, types: dict[str, TypeModel]) -> InputModel:
-    port = read_table(InputModel, place, _in_short(place, "type", given))
-    _check_type(place, port.type, types)
-    return port
-
-
-def _in_short(place: str, key: str, given: Any) -> dict[str, Any]:
-    """A table of which one key is enough, or that alone."""
-    if not isinstance(given, str | dict):
-        raise BadUserFile(f"{place} must be a {key} in quotes, or a table, not {shown(given)}")
-    return {key: given} if isinstance(given, str) else given
-
-
-def _region(place: str, name: str, given: Any) -> RegionModel:
-    table = read_table(_Region, place, given)
-    if not table.states:
-        raise BadUserFile(f"{place}.states is empty: add a state")
-    states = []
-    for number, row in enumerate(table.states, 1):
-        state = read_table(StateModel, f"{place}.states.{row.get('name', number)}", row)
-        check_state(f"{place}.states.{state.name}", state.name)
-        states.append(state)
-    transitions = []
-    for number, row in enumerate(table.transitions, 1):
-        transitions.append(read_table(TransitionModel, f"{place}.transitions.{number}", row))
-    return RegionModel(name=name, period=table.period, estimate=table.estimate, states=states, transitions=transitions)
 
 
 # --- instances and connections --------------------------------------------------------------------------------------
@@ -204,14 +129,14 @@ def _instance(name: str, given: Any, components: dict[str, ComponentModel]) -> I
     check_name(place, name)
     if name == "all":
         raise BadUserFile(f"{place}: 'all' is the list of all instances in application.py: choose another name")
-    table = read_table(_Instance, place, _in_short(place, "component", given))
-    check_known(place, "component", table.component, components)
-    data = components[table.component].data
-    for field, value in table.data.items():
+    instance = read_table(InstanceModel, place, given)
+    check_known(place, "component", instance.component, components)
+    data = components[instance.component].data
+    for field, value in instance.data.items():
         check_known(f"{place}.data", "field", field, data)
         if type(value) is not type(data[field]) and (type(value), type(data[field])) != (int, float):
             raise BadUserFile(f"{place}.data.{field} must be like {shown(data[field])}, not {shown(value)}")
-    return InstanceModel(name, table.component, table.data)
+    return instance
 
 
 def _connections(model: ApplicationModel, instance: str, given: Any) -> list[ConnectionModel]:

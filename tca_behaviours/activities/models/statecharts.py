@@ -16,8 +16,9 @@ def check_estimate(place: str, period: float, estimate: float) -> None:
         raise BadUserFile(f"{place}.estimate is longer than the period: divide the work into shorter steps")
 
 
-def check_region(place: str, region: RegionModel, regions: dict[str, RegionModel]) -> None:
+def check_region(place: str, name: str, regions: dict[str, RegionModel]) -> None:
     """Raises BadUserFile for a region that can't be run."""
+    region = regions[name]
     check_estimate(place, region.period, region.estimate)
     above: dict[str, StateModel] = {}
     initial: dict[str, str] = {}
@@ -27,7 +28,7 @@ def check_region(place: str, region: RegionModel, regions: dict[str, RegionModel
     for number, transition in enumerate(region.transitions, 1):
         _check_transition(f"{place}.transitions.{number}", transition, region, regions)
     try:
-        region_of(region).check()
+        region_of(name, region).check()
     except MisuseError as error:
         raise BadUserFile(f"{place}: {error}") from None
 
@@ -65,9 +66,9 @@ def ordered(states: list[StateModel], inside: str = "") -> Iterator[StateModel]:
         yield from ordered(states, state.name)
 
 
-def region_of(model: RegionModel) -> Region:
+def region_of(name: str, model: RegionModel) -> Region:
     """The region as a component has it, with methods that do nothing. Raises MisuseError."""
-    region = Region("", model.name, model.period, model.estimate)
+    region = Region("", name, model.period, model.estimate)
     for state in ordered(model.states):
         around = region.states[state.inside] if state.inside else region
         around.state(

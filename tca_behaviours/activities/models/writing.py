@@ -1,7 +1,7 @@
 """Writes the code of a model into a folder. What is written by hand is left alone."""
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from tca_behaviours.activities.models.code import MARK, application, distinct, generated, skeleton, written
@@ -20,15 +20,15 @@ def write_code(model: ApplicationModel, folder: Path) -> list[str]:
         anew["application.py"] = application(model, package)
     for name in anew:
         _check_ours(folder / name)
-    by_hand = {folder / f"{file_of(one.name)}.py": one for one in model.components.values()}
+    by_hand = {folder / f"{file_of(name)}.py": name for name in model.components}
     found = {file: _names(file) for file in by_hand if file.exists()}
     folder.mkdir(parents=True, exist_ok=True)
-    said = [_write(folder / name, text) for name, text in anew.items()]
-    for file, component in by_hand.items():
+    said = [_write(folder / name, lines) for name, lines in anew.items()]
+    for file, name in by_hand.items():
         if file in found:
-            said += _lacking(file, component, found[file])
+            said += _lacking(file, name, model.components[name], found[file])
         else:
-            said.append(_write(file, skeleton(component, model.types, package)))
+            said.append(_write(file, skeleton(model, name, package)))
     return said
 
 
@@ -47,7 +47,8 @@ def _check_ours(file: Path) -> None:
         raise BadUserFile(f"{file} exists already, and was not {MARK}: rename it, or choose a folder with -o FOLDER")
 
 
-def _write(file: Path, text: str) -> str:
+def _write(file: Path, lines: Iterable[str]) -> str:
+    text = "\n".join(lines) + "\n"
     if file.exists() and file.read_text() == text:
         return f"{file}: as it was"
     file.write_text(text)
@@ -65,15 +66,15 @@ def _names(file: Path) -> set[str]:
     return {node.name for node in ast.walk(tree) if isinstance(node, kinds)}
 
 
-def _lacking(file: Path, component: ComponentModel, names: set[str]) -> Iterator[str]:
-    if component.name not in names:
-        yield f"{file}: left alone; it has no class {component.name}, which is needed"
+def _lacking(file: Path, name: str, component: ComponentModel, names: set[str]) -> Iterator[str]:
+    if name not in names:
+        yield f"{file}: left alone; it has no class {name}, which is needed"
         return
     lacking = [method for method in distinct(component) if method.name not in names]
     if not lacking:
         yield f"{file}: left alone"
         return
-    yield f"{file}: left alone; class {component.name} lacks {', '.join(method.name for method in lacking)}. Add:"
+    yield f"{file}: left alone; class {name} lacks {', '.join(method.name for method in lacking)}. Add:"
     for method in lacking:
         yield ""
         yield from written(method)

@@ -2,17 +2,34 @@
 
 import math
 from collections import deque
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
-from tca_behaviours.activities.activity import StateActivity
 from tca_behaviours.activities.processing.measured import Execution, Late, Load, TickTimes
 from tca_module import MisuseError
+from tca_module.checks import check, check_known, number
 from tca_module.period import Period
 from tca_wire.text.measures import duration
 
 _EXACT = 1e-9  # seconds: so much comes of rounding
 _LONG = 1.0  # seconds: no tick should take so long
 _LONGEST = 1e9  # seconds: threads can't wait for much longer
+_PERIOD = number(f"{_EXACT:g} to {_LONGEST:g} seconds", _EXACT, _LONGEST)
+_ESTIMATE = number(f"0 to {_LONGEST:g} seconds", 0, _LONGEST).or_none()
+
+
+class StateActivity(Protocol):
+    """Something short that is to be done once a period."""
+
+    name: str
+    """Unique in an application: "x.movement.moving", "x.movement.machine", "x.port handler"."""
+    component: str
+    period: float
+    """Seconds. The component's own wish; a processor may be told another."""
+    estimate: float | None
+    """Its longest execution time in seconds, as declared; None: it is to be measured."""
+
+    def tick(self) -> None:
+        """Do one step. Never blocks. The activity of a state does nothing while that state is not active."""
 
 
 class ScheduledActivity:
@@ -144,8 +161,11 @@ class Schedule:
         """An activity that is on no processor yet."""
         if activity.name in self.activities:
             raise MisuseError(f"two activities are called '{activity.name}': give their components different names")
-        _check_period(activity.name, activity.period)
-        _check_estimate(activity.name, activity.estimate, activity.period)
+        check(f"activity '{activity.name}'", _PERIOD, period=activity.period)
+        check(f"activity '{activity.name}'", _ESTIMATE, estimate=activity.estimate)
+        if activity.estimate is not None and activity.estimate > activity.period:
+            said = f"activity '{activity.name}' takes {duration(activity.estimate)}, longer than its period"
+            raise MisuseError(f"{said} of {duration(activity.period)}: divide it into shorter steps")
         self.activities[activity.name] = ScheduledActivity(activity)
 
     def processor(self, name: str) -> Processor | None:
@@ -159,9 +179,7 @@ class Schedule:
 
     def activity(self, name: str) -> ScheduledActivity:
         """Raises MisuseError if there is none of that name."""
-        if name not in self.activities:
-            there = ", ".join(self.activities) or "none"
-            raise MisuseError(f"there is no activity '{name}': there are {there}")
+        check_known("there is no activity", name, self.activities)
         return self.activities[name]
 
     def put(self, one: ScheduledActivity, processor: Processor, now: float, position: int | None = None) -> None:
@@ -186,7 +204,7 @@ class Schedule:
 
     def set_period(self, one: ScheduledActivity, seconds: float, now: float) -> None:
         """It counts from the tick before. A tick that is due stays due."""
-        _check_period(one.name, seconds)
+        check(f"activity '{one.name}'", _PERIOD, period=seconds)
         if seconds < (takes := one.activity.estimate or 0.0):
             raise MisuseError(f"activity '{one.name}' takes {duration(takes)}: its period can't be {duration(seconds)}")
         one.period = seconds
@@ -205,17 +223,3 @@ class Schedule:
             processor.times = TickTimes()
         for activity in self.activities.values():
             activity.times = TickTimes()
-
-
-def _check_period(name: str, seconds: float) -> None:
-    if not (isinstance(seconds, (int, float)) and _EXACT <= seconds <= _LONGEST):
-        wanted = f"{_EXACT:g} to {_LONGEST:g} seconds"
-        raise MisuseError(f"the period of activity '{name}' must be {wanted}, not {seconds!r:.60}")
-
-
-def _check_estimate(name: str, seconds: float | None, period: float) -> None:
-    if not (seconds is None or (isinstance(seconds, (int, float)) and 0 <= seconds <= _LONGEST)):
-        raise MisuseError(f"the estimate of activity '{name}' must be 0 to {_LONGEST:g} seconds, not {seconds!r:.60}")
-    if seconds is not None and seconds > period:
-        said = f"activity '{name}' takes {duration(seconds)}, longer than its period"
-        raise MisuseError(f"{said} of {duration(period)}: divide it into shorter steps")

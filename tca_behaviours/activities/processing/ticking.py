@@ -1,6 +1,6 @@
 """A tick that may raise: it harms no other activity."""
 
-from tca_behaviours.activities.activity import StateActivity
+from tca_behaviours.activities.processing.schedule import StateActivity
 from tca_module.log import log_of
 
 _LOG = log_of("activities")

@@ -3,8 +3,7 @@
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
 
-from tca_behaviours.activities.activity import StateActivity
-from tca_behaviours.activities.processing.schedule import Processor, Schedule
+from tca_behaviours.activities.processing.schedule import Processor, Schedule, StateActivity
 from tca_behaviours.activities.processing.ticking import tick
 
 

@@ -2,16 +2,26 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from math import inf
+from sys import float_info
 from typing import Any
 
 from tca_behaviours.coordination.model.situation import Fact, Situation
-from tca_module import Command, Goal, MisuseError
+from tca_module import Command, Goal, MisuseError, checks
+from tca_module.checks import ArgumentKind, check
 from tca_wire.text.bodies import data_text
 from tca_wire.text.printable import shortened
 
 _LONGEST = 200
 """Characters that a task has in the structure of its machine."""
+
+
+def _are_facts(facts: Any) -> bool:
+    return isinstance(facts, Mapping) and all(
+        isinstance(name, str) and isinstance(value, str | bool | int | float) for name, value in facts.items()
+    )
+
+
+FACTS = ArgumentKind('values by name, such as {"arm": "home"}', _are_facts)
 
 
 @dataclass(frozen=True)
@@ -24,20 +34,17 @@ class Agent:
     tasks: int = 1
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name.strip():
-            raise MisuseError(f"an agent needs a name, not {self.name!r:.60}")
-        if type(self.tasks) is not int or self.tasks < 1:
-            raise MisuseError(f"agent '{self.name}': tasks must be 1 or more, not {self.tasks!r:.60}")
+        check("Agent", checks.LABEL, name=self.name)
+        check(f"agent '{self.name}'", checks.COUNT, tasks=self.tasks)
 
 
 class Do:
     """A task of an activity: a message, its data, and the agents that it needs."""
 
     def __init__(self, message: Command[Any, Any] | Goal[Any], data: Any = None, *agents: Agent) -> None:
-        if not isinstance(message, Command | Goal):
-            raise MisuseError(f"Do wants a command or a goal, not {message!r:.60}")
-        if wrong := next((agent for agent in agents if not isinstance(agent, Agent)), None):
-            raise MisuseError(f"Do({message.name!r}, ...): an agent must be an Agent, not {wrong!r:.60}")
+        check("Do", checks.instance_of("a command or a goal", Command | Goal), message=message)
+        for agent in agents:
+            check(f"Do({message.name!r}, ...)", checks.instance_of("an Agent", Agent), agent=agent)
         self.message = message
         self.data = data
         self.agents = agents
@@ -46,6 +53,16 @@ class Do:
 
     def __repr__(self) -> str:
         return f"Do({self.text})"
+
+    @property
+    def has_progress(self) -> bool:
+        """Whether it can report any."""
+        return self.message.progress.kind is not type(None)
+
+
+_DO = checks.instance_of("a Do", Do)
+_COST = checks.number("a number, 0 or more", 0, float_info.max)
+_COST_OR_FUNCTION = ArgumentKind(f"{_COST.words}, or a function", lambda cost: callable(cost) or _COST.fits(cost))
 
 
 class Activity:
@@ -68,9 +85,10 @@ class Activity:
         undo: Do | Iterable[Do] = (),
         adapt: Callable[[Any, float, int], Any] | None = None,
     ) -> None:
+        check("Activity", FACTS, needs=needs or {}, makes=makes or {})
         self.tasks = tasks
-        self.needs = checked_facts(needs or {}, "needs")
-        self.makes = checked_facts(makes or {}, "makes")
+        self.needs = dict(needs or {})
+        self.makes = dict(makes or {})
         self.undo = tuple(undo) if isinstance(undo, Iterable) else (undo,)
         self.adapt = adapt
         self._cost = cost
@@ -83,8 +101,7 @@ class Activity:
     def cost(self, situation: Situation) -> float:
         """The cost of doing it in vain, as things are."""
         cost = self._cost(situation) if callable(self._cost) else self._cost
-        if not (isinstance(cost, int | float) and 0 <= cost < inf):
-            raise MisuseError(f"{self!r}: its cost must be a number, 0 or more, not {cost!r:.60}")
+        check(self, _COST, cost=cost)
         return cost
 
     def data_at(self, share: float, rank: int) -> list[Any]:
@@ -101,7 +118,7 @@ class Activity:
     @property
     def has_progress(self) -> bool:
         """Whether a task of it can report any."""
-        return any(task.message.progress.kind is not type(None) for task in self.tasks)
+        return any(task.has_progress for task in self.tasks)
 
     def progress(self, report: Any) -> float:
         """The progress in [0, 1] that a report of one of its tasks stands for."""
@@ -113,24 +130,11 @@ class Activity:
             raise MisuseError(
                 "an activity needs a task, such as Do(MOVE, data, agent); a state that only waits needs none"
             )
-        if wrong := next((task for task in (*self.tasks, *self.undo) if not isinstance(task, Do)), None):
-            raise MisuseError(f"a task of an activity must be a Do, not {wrong!r:.60}")
-        if not callable(self._cost) and not (isinstance(self._cost, int | float) and 0 <= self._cost < inf):
-            raise MisuseError(f"{self!r}: cost must be a number, 0 or more, or a function, not {self._cost!r:.60}")
-        for name, function in (("progress", self._progress), ("adapt", self.adapt)):
-            if function is not None and not callable(function):
-                raise MisuseError(f"{self!r}: {name} must be a function, not {function!r:.60}")
+        for task in (*self.tasks, *self.undo):
+            check("Activity", _DO, task=task)
+        check(self, _COST_OR_FUNCTION, cost=self._cost)
+        check(self, checks.FUNCTION_OR_NONE, progress=self._progress, adapt=self.adapt)
         for task in self.tasks:
             if self._progress is None and task.message.progress.kind not in (float, int, type(None)):
                 told = f"{task.message.title} reports {task.message.progress}"
                 raise MisuseError(f"{told}: give Activity(..., progress=...), a function that makes a number of it")
-
-
-def checked_facts(facts: Mapping[str, Fact], what: str) -> dict[str, Fact]:
-    """A copy. Raises MisuseError if they are not values by name."""
-    if not isinstance(facts, Mapping) or not all(isinstance(name, str) for name in facts):
-        raise MisuseError(f'{what} must be values by name, such as {{"arm": "home"}}, not {facts!r:.60}')
-    for name, value in facts.items():
-        if not isinstance(value, str | bool | int | float):
-            raise MisuseError(f"{what}: '{name}' must be a str, bool or number, not {value!r:.60}")
-    return dict(facts)

@@ -22,19 +22,23 @@ class Interpreter:
     def __init__(self, states: list[AuthoredState]) -> None:
         self._states = states
         self._chart = LibraryInterpreter[AuthoredState, AuthoredArrow](states)
-        self._chart.restart()
-        self.current = states[0].leaf.number
-        """The current leaf."""
+        self.restart()
 
     def restart(self) -> None:
         """Begin anew."""
-        self._chart.restart()
+        self._chart.begin()
         self.current = self._states[0].leaf.number
+        """The current leaf."""
+
+    @property
+    def state(self) -> AuthoredState:
+        """The current leaf, as it is written."""
+        return self._states[self.current]
 
     @property
     def is_ended(self) -> bool:
         """Whether a final state of the whole machine is reached."""
-        return self._states[self.current].kind is StateKind.FINAL
+        return self.state.kind is StateKind.FINAL
 
     def take(self, event: str, situation: Situation) -> list[TakenArrow]:
         """Tell it of an event: "done" and "failed" are those of the current activity. The arrows that were taken: none

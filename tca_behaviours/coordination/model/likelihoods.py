@@ -7,6 +7,7 @@ from typing import Any
 from tca_behaviours.coordination.model.situation import Situation, check_confidence
 from tca_behaviours.statecharts.states import UnsoundMachine
 from tca_module import MisuseError, Variable
+from tca_module.checks import NUMBER, VARIABLE, ArgumentKind, check
 
 _ROUNDING = 1e-9
 
@@ -37,16 +38,19 @@ class Prior(LikelihoodModel):
         return self.likelihood
 
 
+_COUNTS = ArgumentKind(
+    "counts by (label, symbol), as count_transitions makes them",
+    lambda counts: isinstance(counts, Mapping) and all(map(NUMBER.fits, counts.values())),
+)
+
+
 class Learned(LikelihoodModel):
     """The share of a transition in earlier runs. *counts*: how often each symbol was taken, by (label, symbol).
     Unknown in a state that was never left.
     """
 
     def __init__(self, counts: Mapping[tuple[str, str], int]) -> None:
-        if not isinstance(counts, Mapping) or not all(type(count) is int and count >= 0 for count in counts.values()):
-            raise MisuseError(
-                f"Learned wants counts by (label, symbol), as count_transitions makes them, not {counts!r:.60}"
-            )
+        check("Learned", _COUNTS, counts=counts)
         self.counts = dict(counts)
         self._left: dict[str, int] = {}
         for (label, _), count in self.counts.items():
@@ -64,8 +68,7 @@ class Perceived(LikelihoodModel):
     """
 
     def __init__(self, variable: Variable[Any], *, negated: bool = False) -> None:
-        if not isinstance(variable, Variable):
-            raise MisuseError(f"Perceived wants a Variable, not {variable!r:.60}")
+        check("Perceived", VARIABLE, variable=variable)
         check_confidence(variable, "Perceived")
         self.variables = (variable,)
         self.negated = negated
@@ -90,6 +93,10 @@ class Computed(LikelihoodModel):
 
 Likelihood = LikelihoodModel | Callable[[Situation], float | None]
 """Anything that says how likely a transition is."""
+
+_LIKELIHOOD = ArgumentKind(
+    "a model such as Prior(0.8), or a function", lambda value: isinstance(value, LikelihoodModel) or callable(value)
+)
 
 
 class Weighted(LikelihoodModel):
@@ -117,11 +124,8 @@ def _is_weighted(pair: Any) -> bool:
 
 def as_model(likelihood: Likelihood) -> LikelihoodModel:
     """A model as it is; of a function the model that calls it."""
-    if isinstance(likelihood, LikelihoodModel):
-        return likelihood
-    if not callable(likelihood):
-        raise MisuseError(f"a likelihood must be a model such as Prior(0.8), or a function, not {likelihood!r:.60}")
-    return Computed(likelihood)
+    check("a transition", _LIKELIHOOD, likelihood=likelihood)
+    return likelihood if isinstance(likelihood, LikelihoodModel) else Computed(likelihood)
 
 
 def checked_likelihood(likelihood: Any, what: str) -> float:

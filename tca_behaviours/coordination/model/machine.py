@@ -6,18 +6,21 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from tca_behaviours.coordination.model.activities import Activity, Agent, checked_facts
+from tca_behaviours.coordination.model.activities import FACTS, Activity, Agent
 from tca_behaviours.coordination.model.automaton import FlatAutomaton
 from tca_behaviours.coordination.model.interpreter import Interpreter
 from tca_behaviours.coordination.model.mistakes import Mistakes
 from tca_behaviours.coordination.model.situation import Fact, Situation
-from tca_behaviours.coordination.model.soundness import check
+from tca_behaviours.coordination.model.soundness import check_machine
 from tca_behaviours.coordination.model.states import DONE, FAILED, AuthoredArrow, AuthoredState
 from tca_behaviours.statecharts.writing import BlockMachine
-from tca_module import MisuseError, Variable
+from tca_module import Variable
+from tca_module.checks import check, instance_of
 from tca_tools.drawing.chart_dot import chart_dot, likely_arrows, report_marks
 from tca_wire.charts import MachineChart, StateKind
 from tca_wire.coordination import CoordinationReport
+
+_ACTIVITY_OR_NONE = instance_of("an Activity(Do(...))", Activity).or_none()
 
 
 class Coordination(BlockMachine[AuthoredState]):
@@ -32,7 +35,8 @@ class Coordination(BlockMachine[AuthoredState]):
         self, name: str, *, facts: Mapping[str, Fact] | None = None, watch: Iterable[Variable[Any]] = ()
     ) -> None:
         super().__init__(name, AuthoredState(StateKind.COMPOUND, name, None))
-        self.facts = checked_facts(facts or {}, "facts")
+        check(self, FACTS, facts=facts or {})
+        self.facts = dict(facts or {})
         """What holds at the start."""
         self._watch = list(watch)
 
@@ -43,8 +47,7 @@ class Coordination(BlockMachine[AuthoredState]):
 
     def state(self, label: str, activity: Activity | None = None) -> AuthoredState:
         """A state with an activity; or one without, which waits for an event."""
-        if activity is not None and not isinstance(activity, Activity):
-            raise MisuseError(f"state {label!r:.60}: its activity must be an Activity(Do(...)), not {activity!r:.60}")
+        check(f"state {label!r:.60}", _ACTIVITY_OR_NONE, activity=activity)
         kind = StateKind.WAIT if activity is None else StateKind.ACTIVITY
         return self._added(AuthoredState(kind, label, self._place(label), activity))
 
@@ -106,4 +109,4 @@ class Coordination(BlockMachine[AuthoredState]):
         return list(self.root.all())[1:]  # it has no frame around it all
 
     def _check(self, states: list[AuthoredState]) -> None:
-        check(states, self.facts)
+        check_machine(states, self.facts)

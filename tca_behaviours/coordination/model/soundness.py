@@ -16,31 +16,25 @@ from tca_wire.text.measures import counted, listed
 _ROUNDING = 1e-9
 
 
-def check(states: list[AuthoredState], facts: Mapping[str, Fact]) -> None:
+def check_machine(states: list[AuthoredState], facts: Mapping[str, Fact]) -> None:
     """Raises UnsoundMachine if a machine can't be run."""
-    for state in states:
-        _check_first(state)
     for state in states:
         _check_events(state)
     leaves = [state for state in states if state.kind is not StateKind.COMPOUND]
     _check_agents(leaves)
     for leaf in leaves:
         _check_way_out(leaf)
-        _check_constants(leaf)
     _check_ends(leaves)
     check_arrows(states)
     _check_needs(leaves, facts)
-
-
-def _check_first(state: AuthoredState) -> None:
-    if state.kind is StateKind.FINAL and state is next(state.around()).children[0]:
-        raise UnsoundMachine(f"the final state {state!r} comes first, so nothing is done: write it after others")
 
 
 def _check_events(state: AuthoredState) -> None:
     """Its arrows wait for events that can come: activities fail and are done, and compounds with an end are done."""
     events = {arrow.event for arrow in state.arrows}
     match state.kind:
+        case StateKind.FINAL if state is next(state.around()).children[0]:
+            raise UnsoundMachine(f"the final state {state!r} comes first, so nothing is done: write it after others")
         case StateKind.FINAL if events:
             raise UnsoundMachine(f"the final state {state!r} has an arrow: write it to the compound around it")
         case StateKind.WAIT if events & {DONE, FAILED}:
@@ -71,12 +65,11 @@ def _check_agents(leaves: list[AuthoredState]) -> None:
 
 
 def _check_way_out(leaf: AuthoredState) -> None:
-    if leaf.kind is not StateKind.FINAL and not arrows_of(leaf):
+    """Something leads on from it, and its constant likelihoods are 1 together at most."""
+    arrows = arrows_of(leaf)
+    if leaf.kind is not StateKind.FINAL and not arrows:
         raise UnsoundMachine(f"nothing leads on from {leaf!r}: write an arrow, or make it final(...)")
-
-
-def _check_constants(leaf: AuthoredState) -> None:
-    models = [(arrow.symbol, arrow.model) for arrow in arrows_of(leaf) if arrow.model is not None]
+    models = [(arrow.symbol, arrow.model) for arrow in arrows if arrow.model is not None]
     constants = {symbol: model.value(Situation(), "", "") or 0.0 for symbol, model in models if model.is_constant}
     total = fsum(constants.values())
     if total > 1 + _ROUNDING:

@@ -8,7 +8,8 @@ from tca_behaviours.coordination.model.likelihoods import Likelihood, Likelihood
 from tca_behaviours.coordination.model.situation import Situation, check_confidence
 from tca_behaviours.statecharts.states import Arrow, name_of
 from tca_behaviours.statecharts.writing import BlockState, line
-from tca_module import MisuseError, Variable
+from tca_module import Variable
+from tca_module.checks import LABEL, ArgumentKind, check
 from tca_wire.charts import StateKind
 
 DONE, FAILED = "done", "failed"
@@ -45,8 +46,7 @@ class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
         """An arrow to another state, or to the one of that label. It is taken at the event *on*, if *when* holds; of
         several with one event the first whose guard holds. *guard_name*: for texts, instead of the guard's own name.
         """
-        if not isinstance(on, str) or not on.strip():
-            raise MisuseError(f"{self!r}.to(...): on must be the name of an event, not {on!r:.60}")
+        check(f"{self!r}.to(...)", LABEL, on=on)
         name = guard_name or _name(when, f"{self!r}.to(..., on='{on}')") if when is not None else ""
         model = None if likelihood is None else as_model(likelihood)
         return self.lead(AuthoredArrow(self, target, on, when, name, model))
@@ -88,10 +88,12 @@ class AuthoredArrow(Arrow[AuthoredState]):
         return bool(self.guard(now))
 
 
+_FUNCTION = ArgumentKind("a Variable or a function of the Situation", callable)
+
+
 def _name(guard: Any, place: str) -> str:
     if isinstance(guard, Variable):
         check_confidence(guard, f"{place}: when=")
         return guard.name
-    if not callable(guard):
-        raise MisuseError(f"{place}: when must be a Variable or a function of the Situation, not {guard!r:.60}")
+    check(place, _FUNCTION, when=guard)
     return name_of(guard)

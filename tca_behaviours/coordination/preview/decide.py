@@ -4,15 +4,15 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from math import isnan, nan
+from typing import Any, NamedTuple
 
 from tca_behaviours.coordination.model.activities import Activity
 from tca_behaviours.coordination.model.automaton import Automaton
 from tca_behaviours.coordination.model.mistakes import Mistakes
 from tca_behaviours.coordination.model.situation import Fact, Situation
-from tca_behaviours.coordination.preview.agents import Places
 from tca_behaviours.coordination.preview.branches import harmed
-from tca_behaviours.coordination.preview.conflicts import Reservations, holds
 from tca_behaviours.coordination.preview.policy import Candidate, Policy, checked_share
+from tca_behaviours.coordination.preview.reservations import Places, Reservations
 from tca_behaviours.coordination.preview.walk import PreviewLimits, most_likely
 from tca_wire.coordination import Foreseen, Objection, Reason
 
@@ -82,37 +82,41 @@ class Decision:
     """Activities of the list that do not start now, and why; and the current one if no state is foreseen after it."""
 
 
-def decide(
-    automaton: Automaton,
-    present: Present,
-    policy: Policy,
-    needed: Mapping[int, Mapping[str, int]],
-    limits: PreviewLimits,
-    mistakes: Mistakes | None = None,
-) -> Decision:
-    """The preview list, and what is started and stopped by it. *needed*: as ``needed_later`` found it. *mistakes*:
-    takes what costs and the policy raise.
-    """
-    decision = Decision(most_likely(automaton, present.current, limits))
-    if not decision.preview and automaton.activity(present.current) is not None:
-        decision.refused.append(Objection(present.current, Reason.STEADY))
-    _Deciding(automaton, present, policy, needed[present.current], decision, mistakes or Mistakes()).decide()
-    return decision
+class LookAhead(NamedTuple):
+    """How a coordinator looks ahead."""
+
+    policy: Policy
+    limits: PreviewLimits
+    needed: Mapping[int, Mapping[str, int]]
+    """As ``needed_later`` found it."""
+    mistakes: Mistakes = Mistakes()
+    """Takes what functions raise that only a preview calls."""
+
+    def decide(self, automaton: Automaton, present: Present) -> Decision:
+        """The preview list, and what is started and stopped by it."""
+        decision = Decision(most_likely(automaton, present.current, self.limits))
+        if not decision.preview and automaton.activity(present.current) is not None:
+            decision.refused.append(Objection(present.current, Reason.STEADY))
+        _Deciding(self, automaton, present, decision).decide()
+        return decision
+
+    def data_at(self, activity: Activity, share: float, rank: int, otherwise: str) -> list[Any] | None:
+        """The data of an activity's tasks at a share of full speed and a rank; None if it has none. *otherwise*: what
+        becomes of it then, in words.
+        """
+        return self.mistakes.otherwise(None, f"{activity!r} {otherwise}", lambda: activity.data_at(share, rank))
 
 
 class _Deciding:
     """One decision: the states of the list have their turns, the next one first."""
 
-    def __init__(
-        self, automaton: Automaton, present: Present, policy: Policy, needed: Mapping[str, int], decision: Decision,
-        mistakes: Mistakes,
-    ) -> None:  # fmt: skip
+    def __init__(self, ahead: LookAhead, automaton: Automaton, present: Present, decision: Decision) -> None:
         self.automaton = automaton
         self.present = present
-        self.policy = policy
-        self.needed = needed
+        self.policy = ahead.policy
+        self.needed = ahead.needed[present.current]
         self.decision = decision
-        self.mistakes = mistakes
+        self.mistakes = ahead.mistakes
         self.work = {work.state: work for work in present.work}
         self.before = Reservations()  # by what comes first
         self.running = Reservations()  # by all that runs, in whatever order
@@ -278,7 +282,7 @@ class _Deciding:
     def _objection(self, state: int, activity: Activity, *, is_running: bool) -> Objection | None:
         """What speaks against an activity that is to run now. One that runs may have changed what it needed."""
         for variable, value in activity.needs.items():
-            is_settled = variable not in self.unsettled and holds(variable, value, self.present.facts)
+            is_settled = variable not in self.unsettled and self.present.facts.get(variable) == value
             if not is_settled and not (is_running and variable in activity.makes):
                 return Objection(state, Reason.NEEDS, variable)
         return self.before.clash(state, activity.needs, activity.makes)

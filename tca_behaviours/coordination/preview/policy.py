@@ -2,9 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import floor, isfinite
+from math import floor
+from sys import float_info
 
 from tca_module import MisuseError
+from tca_module.checks import FUNCTION, check, number
 
 
 @dataclass(frozen=True)
@@ -54,12 +56,15 @@ def progress_only(candidate: Candidate) -> float:
     return candidate.progress_before
 
 
+_NUMBER = number("a number", -float_info.max, float_info.max)
+_SHARE = number("a number in [0, 1]", 0, 1)
+
+
 class Policy:
     """How the utility of an activity becomes a share of full speed. Base class: give ``wanted``."""
 
     def __init__(self, utility: Utility = expected_gain) -> None:
-        if not callable(utility):
-            raise MisuseError(f"utility must be a function of the Candidate, not {utility!r:.60}")
+        check(type(self).__name__, FUNCTION, utility=utility)
         self.utility = utility
 
     def wanted(self, utility: float) -> float:
@@ -84,7 +89,8 @@ class Discrete(Policy):
 
     def __init__(self, threshold: float = 0.5, utility: Utility = expected_gain) -> None:
         super().__init__(utility)
-        self.threshold = _number(threshold, "threshold")
+        check("Discrete", _NUMBER, threshold=threshold)
+        self.threshold = threshold
 
     def wanted(self, utility: float) -> float:
         """1 or 0."""
@@ -98,9 +104,9 @@ class Continuous(Policy):
 
     def __init__(self, from_: float = 0.2, to: float = 0.8, utility: Utility = expected_gain) -> None:
         super().__init__(utility)
-        self.from_ = _number(from_, "from_")
-        self.to = _number(to, "to")
-        if self.from_ >= self.to:
+        check("Continuous", _NUMBER, from_=from_, to=to)
+        self.from_, self.to = from_, to
+        if from_ >= to:
             raise MisuseError(f"from_ must be less than to, not {from_!r} with to={to!r}")
 
     def wanted(self, utility: float) -> float:
@@ -112,12 +118,5 @@ class Continuous(Policy):
 
 def checked_share(share: float) -> float:
     """What a policy has said. Raises MisuseError if that is no share."""
-    if not isinstance(share, int | float) or not 0 <= share <= 1:
-        raise MisuseError(f"a policy must want a share in [0, 1], not {share!r:.60}")
+    check("a policy", _SHARE, share=share)
     return share
-
-
-def _number(value: float, what: str) -> float:
-    if not isinstance(value, int | float) or not isfinite(value):
-        raise MisuseError(f"{what} must be a number, not {value!r:.60}")
-    return float(value)

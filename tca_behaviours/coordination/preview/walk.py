@@ -7,11 +7,15 @@ probable of all, and where one arrow of each state is likely, hardly anything be
 from collections.abc import Iterator
 from dataclasses import dataclass
 from heapq import heappop, heappush
-from math import frexp, fsum, ldexp
+from math import frexp, fsum, ldexp, nextafter
 
 from tca_behaviours.coordination.model.automaton import Automaton
-from tca_module import MisuseError
+from tca_module import checks
+from tca_module.checks import check
 from tca_wire.coordination import Foreseen
+
+_ABOVE_0 = checks.number("above 0, and 1 at most", nextafter(0, 1), 1)
+_BELOW_1 = checks.number("0 or more, and less than 1", 0, nextafter(1, 0))
 
 
 @dataclass(frozen=True)
@@ -27,12 +31,9 @@ class PreviewLimits:
     horizon: int | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.final, int | float) or not 0 < self.final <= 1:
-            raise MisuseError(f"final must be above 0, and 1 at most, not {self.final!r:.60}")
-        if not isinstance(self.transition, int | float) or not 0 <= self.transition < 1:
-            raise MisuseError(f"transition must be 0 or more, and less than 1, not {self.transition!r:.60}")
-        if self.horizon is not None and (type(self.horizon) is not int or self.horizon < 1):
-            raise MisuseError(f"horizon must be 1 or more, or None for no limit, not {self.horizon!r:.60}")
+        check("PreviewLimits", _ABOVE_0, final=self.final)
+        check("PreviewLimits", _BELOW_1, transition=self.transition)
+        check("PreviewLimits", checks.MAXIMUM, horizon=self.horizon)
 
     def is_steady(self, automaton: Automaton, state: int) -> bool:
         """Whether a preview ends in this state."""

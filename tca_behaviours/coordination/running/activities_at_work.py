@@ -48,7 +48,7 @@ class ActivitiesAtWork:
         self._restoring: tuple[StartedActivity, StartedActivity] | None = None
         """The tasks that undo something, and the activity that has changed it."""
         self._spoilers: list[StartedActivity] = []
-        """Wasted activities, oldest first, that have changed facts which nobody has made anew or restored."""
+        """Wasted activities, oldest first: what they have ``spoilt`` was not made anew or restored."""
         self._news: list[StartedActivity] = []
         """Those whose role has changed, and nobody has been told."""
 
@@ -99,7 +99,7 @@ class ActivitiesAtWork:
         """Start the activity of the current state, unless something is in its way: work that is about to end, or
         something to be restored first. Why it can never begin, in words; or "".
         """
-        if unmet := self._plain.unmet_in_words(activity):
+        if unmet := self._plain.unmet(activity):
             return unmet
         others = [one for one in self._all() if not one.is_over]
         if self._restoring is not None or any(one.state == state or one.conflicts_with(activity) for one in others):
@@ -107,7 +107,7 @@ class ActivitiesAtWork:
         if (spoiler := self._to_undo(activity)) is not None:
             self._undo(spoiler)
             return ""
-        if unmet := self._now.unmet_in_words(activity):
+        if unmet := self._now.unmet(activity):
             return unmet
         self.current = work = StartedActivity(state, activity, TaskRole.CURRENT, self._now.begin(activity))
         self._begin_entered(activity)
@@ -149,7 +149,6 @@ class ActivitiesAtWork:
         self._plain.begin(activity)
         for spoiler in self._spoilers:
             spoiler.spoilt -= activity.makes.keys()
-        self._forget_spoilers()
 
     # --- ahead -----------------------------------------------------------------------------------------------------
 
@@ -183,11 +182,7 @@ class ActivitiesAtWork:
         self.wasted += len(work.tasks)
         self._set_role(work, TaskRole.WASTED)
         work.spoilt = set(work.activity.makes)
-        self._spoilers.append(work)
-        self._forget_spoilers()
-
-    def _forget_spoilers(self) -> None:
-        self._spoilers = [one for one in self._spoilers if one.spoilt]
+        self._spoilers = [*(one for one in self._spoilers if one.spoilt), work]
 
     def _to_undo(self, activity: Activity) -> StartedActivity | None:
         """The newest wasted work to be undone before an activity: it has changed what this needs, or more than this
@@ -201,7 +196,7 @@ class ActivitiesAtWork:
 
     def _undoable(self) -> Iterator[StartedActivity]:
         """Wasted work that can be undone, the newest first."""
-        return (one for one in reversed(self._spoilers) if one.activity.undo)
+        return (one for one in reversed(self._spoilers) if one.activity.undo and one.spoilt)
 
     def _undo(self, spoiler: StartedActivity) -> None:
         """Undo wasted work, if nothing that runs is in the way of that."""
@@ -262,13 +257,11 @@ class ActivitiesAtWork:
         elif work.failed_task is not None:
             _LOG.warning("%r did not undo what was done ahead in vain: that stays", work.failed_task.sent)
         spoiler.spoilt.clear()
-        self._forget_spoilers()
 
     def _forget(self, spoiler: StartedActivity) -> None:
         """What it would have changed is as it was before."""
         self._now.known |= {name: value for name, value in spoiler.before.items() if name in spoiler.spoilt}
         spoiler.spoilt.clear()
-        self._forget_spoilers()
 
     # --- ends ------------------------------------------------------------------------------------------------------
 

@@ -1,25 +1,28 @@
 """Coordinator: a machine whose runs are tasks of a module."""
 
 from contextlib import suppress
-from math import isfinite
 from threading import Lock
 from typing import Any
 
 from tca_behaviours.coordination.model.interpreter import Interpreter
 from tca_behaviours.coordination.model.machine import Coordination
+from tca_behaviours.coordination.model.mistakes import Mistakes
+from tca_behaviours.coordination.preview.branches import needed_later
+from tca_behaviours.coordination.preview.decide import LookAhead
 from tca_behaviours.coordination.preview.policy import Policy
 from tca_behaviours.coordination.preview.walk import PreviewLimits
 from tca_behaviours.coordination.running.failures import FailureNotes
-from tca_behaviours.coordination.running.look_ahead import LookAhead
 from tca_behaviours.coordination.running.messages import COORDINATION_EVENT, CoordinationEnd, MachineEvent
 from tca_behaviours.coordination.running.run import CoordinationRun
 from tca_module import Command, MisuseError, Module, Sender, Task, TcaError, Variable
+from tca_module.checks import DURATION, check, check_known, instance_of
 from tca_module.log import log_of
 from tca_wire.charts import MachineChart
 from tca_wire.coordination import CoordinationReport
 from tca_wire.points import TaskId
 
 _PATIENCE = 5.0
+_POLICY_OR_NONE = instance_of("a Policy such as Discrete(0.5)", Policy).or_none(" for no preview")
 
 
 class Coordinator:
@@ -41,7 +44,10 @@ class Coordinator:
         """*policy*: when activities start ahead of their states; None: never, without a preview. *limits*: where a
         preview ends. *patience*: seconds after which a task is killed that was asked to end and has not.
         """
-        _check(machine, policy, limits, patience)
+        check("Coordinator", instance_of("a Coordination", Coordination), machine=machine)
+        check("Coordinator", _POLICY_OR_NONE, policy=policy)
+        check("Coordinator", instance_of("PreviewLimits(...)", PreviewLimits).or_none(), limits=limits)
+        check("Coordinator", DURATION, patience=patience)
         self.machine = machine
         self.chart = machine.chart
         """The machine as data: those of its command."""
@@ -49,9 +55,10 @@ class Coordinator:
             f"coordinate {machine.name}", MachineChart, result=CoordinationEnd, progress=CoordinationReport
         )
         """The command that runs the machine."""
-        self._look_ahead = (
-            LookAhead(machine, policy, limits or PreviewLimits(), self._warn) if policy is not None else None
-        )
+        self._look_ahead = None
+        if policy is not None:
+            needed = needed_later(machine)
+            self._look_ahead = LookAhead(policy, limits or PreviewLimits(), needed, Mistakes(self._warn))
         self._patience = patience
         self._failures = FailureNotes(self.message.name)
         self._interpreter: Interpreter | None = None
@@ -100,9 +107,7 @@ class Coordinator:
         """Tell the machine of an event; from any thread of the process in which it runs. A machine that does not run,
         or has no arrow for the event in its current state, does nothing.
         """
-        if event not in self.machine.events:
-            known = ", ".join(f"'{name}'" for name in sorted(self.machine.events)) or "none"
-            raise MisuseError(f"{self.machine!r} has no event {event!r:.60}; it has {known}")
+        check_known(f"{self.machine!r} has no event", event, sorted(self.machine.events))
         if (run := self._run) is not None:
             run.note_event(event)
 
@@ -154,14 +159,3 @@ class Coordinator:
                 run.note_variable(variable.name, value)
 
         module.handles(variable, resource=resource)(note)
-
-
-def _check(machine: Any, policy: Any, limits: Any, patience: Any) -> None:
-    if not isinstance(machine, Coordination):
-        raise MisuseError(f"Coordinator wants a Coordination, not {machine!r:.60}")
-    if policy is not None and not isinstance(policy, Policy):
-        raise MisuseError(f"policy must be a Policy such as Discrete(0.5), or None for no preview, not {policy!r:.60}")
-    if limits is not None and not isinstance(limits, PreviewLimits):
-        raise MisuseError(f"limits must be PreviewLimits(...), not {limits!r:.60}")
-    if not isinstance(patience, int | float) or not isfinite(patience) or patience <= 0:
-        raise MisuseError(f"patience must be a number of seconds above 0, not {patience!r:.60}")

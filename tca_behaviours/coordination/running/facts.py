@@ -23,14 +23,11 @@ class KnownFacts:
         """It is done."""
         self.known |= activity.makes
 
-    def unmet(self, activity: Activity) -> dict[str, Fact]:
-        """What it needs and what does not hold."""
-        return {name: value for name, value in activity.needs.items() if self.known.get(name) != value}
-
-    def unmet_in_words(self, activity: Activity) -> str:
-        """The same for people."""
+    def unmet(self, activity: Activity) -> str:
+        """What it needs and what does not hold, in words; "" if all does."""
         found = [
             f"'{name}' must be {value!r} and is {repr(self.known[name]) if name in self.known else 'unknown'}"
-            for name, value in self.unmet(activity).items()
+            for name, value in activity.needs.items()
+            if self.known.get(name) != value
         ]
         return ", ".join(found)

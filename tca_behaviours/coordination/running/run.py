@@ -9,16 +9,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from tca_behaviours.coordination.model.activities import Activity
 from tca_behaviours.coordination.model.interpreter import Interpreter, TakenArrow
 from tca_behaviours.coordination.model.machine import Coordination
 from tca_behaviours.coordination.model.mistakes import Mistakes
 from tca_behaviours.coordination.model.situation import Situation
 from tca_behaviours.coordination.model.states import DONE, FAILED
-from tca_behaviours.coordination.preview.decide import Decision
+from tca_behaviours.coordination.preview.decide import Decision, LookAhead
 from tca_behaviours.coordination.running.activities_at_work import ActivitiesAtWork
 from tca_behaviours.coordination.running.failures import FailureNotes
-from tca_behaviours.coordination.running.look_ahead import LookAhead
 from tca_behaviours.coordination.running.messages import ACTIVITY_STOPPED, NEEDS_NOT_MET, CoordinationEnd
 from tca_module import Task, TcaError
 from tca_wire.coordination import CoordinationReport, Foreseen, Reason
@@ -91,8 +89,7 @@ class CoordinationRun:
             with suppress(TcaError):  # without central there is nothing to stop, and it ends them itself
                 self._work.kill_all(f"{self._machine!r} has ended")
             raise
-        label = self._machine.states[self._interpreter.current].label
-        return CoordinationEnd(label, self._transitions, self._work.kept, self._work.wasted)
+        return CoordinationEnd(self._interpreter.state.label, self._transitions, self._work.kept, self._work.wasted)
 
     def _is_over(self) -> bool:
         return self._interpreter.is_ended and self._told is not None and self._work.is_over
@@ -131,19 +128,16 @@ class CoordinationRun:
             return Decision([])
         situation = self._situation()
         present = self._work.present(self._interpreter.current, situation, is_new=bool(self._taken))
-        return self._look_ahead.decide(present)
+        return self._look_ahead.decide(self._machine.automaton(situation, self._mistakes), present)
 
     def _situation(self) -> Situation:
         current = self._work.current
         return Situation(
-            self._machine.states[self._interpreter.current].label,
+            self._interpreter.state.label,
             self._work.plain_facts,
             self._variables,
             current.progress if current is not None else 0.0,
         )
-
-    def _activity(self, state: int) -> Activity | None:
-        return self._machine.states[state].activity
 
     def _begin_current(self) -> None:
         """Start the activity of the current state, if it has one and nothing is in its way any more; at the end, what
@@ -151,7 +145,7 @@ class CoordinationRun:
         """
         if self._interpreter.is_ended:
             self._work.restore()
-        activity = self._activity(self._interpreter.current)
+        activity = self._interpreter.state.activity
         if activity is not None and self._work.current is None:
             self._unmet = self._work.begin(self._interpreter.current, activity)
         self._is_entered = True
@@ -159,23 +153,19 @@ class CoordinationRun:
     def _begin_ahead(self, decision: Decision) -> None:
         if self._look_ahead is None:
             return
-        ranks = {one.state: rank for rank, one in enumerate(decision.preview, 1)}
-        speeds = {change.state: change.share for change in decision.speeds}
-        for start in decision.starts:
-            activity, rank = self._activity(start.state), ranks[start.state]
-            assert activity is not None
-            data = self._look_ahead.data_at(activity, start.share, rank, "does not run early")
-            if data is not None:
-                self._work.begin_ahead(start.state, activity, start.share, rank, data)
-        for state, rank in ranks.items():
-            work = self._work.ahead(state)
+        shares = {one.state: one.share for one in (*decision.starts, *decision.speeds)}
+        for state, rank in {one.state: rank for rank, one in enumerate(decision.preview, 1)}.items():
+            work, activity = self._work.ahead(state), self._machine.states[state].activity
+            share = shares.get(state, work.share if work is not None else 0.0)
+            if activity is None or not share or (work is not None and (share, rank) == (work.share, work.rank)):
+                continue
+            otherwise = "does not run early" if work is None else "runs on as it does"
+            data = self._look_ahead.data_at(activity, share, rank, otherwise)
+            if data is None:
+                continue
             if work is None:
-                continue
-            share = speeds.get(state, work.share)
-            if (share, rank) == (work.share, work.rank):
-                continue
-            data = self._look_ahead.data_at(work.activity, share, rank, "runs on as it does")
-            if data is not None:
+                self._work.begin_ahead(state, activity, share, rank, data)
+            else:
                 work.share, work.rank, work.data = share, rank, data
         self._work.adapt_speeds()
 
@@ -210,7 +200,7 @@ class CoordinationRun:
 
     def _fail(self) -> bool:
         """The current activity has failed, and the machine has no arrow for that."""
-        label = self._machine.states[self._interpreter.current].label
+        label = self._interpreter.state.label
         if self._unmet:
             raise NEEDS_NOT_MET(text=f"'{label}' can't begin: {self._unmet}")
         assert self._work.current is not None

@@ -33,9 +33,7 @@ class ActivityTask:
         send: Any = under.command if isinstance(do.message, Command) else under.goal
         self.sent: SentTask[Any] = send(do.message, data, sequential=False, priority=-rank)
         self.sent.on_change(lambda change: heard(self, change))
-        self.has_progress = do.message.progress.kind is not type(None)
-        """Whether it can report any."""
-        self._reports = self.sent.progress() if self.has_progress else None
+        self._reports = self.sent.progress() if do.has_progress else None
 
     @property
     def has_failed(self) -> bool:
@@ -135,7 +133,7 @@ class StartedActivity:
     @property
     def progress(self) -> float:
         """The least progress of those tasks that can report any."""
-        return min((task.progress for task in self.tasks if task.has_progress), default=float(self.is_over))
+        return min((task.progress for task in self.tasks if task.do.has_progress), default=float(self.is_over))
 
     def update_tasks(self) -> None:
         """Tell its tasks of their data, where these have changed."""
@@ -165,13 +163,8 @@ class StartedActivity:
 
     def conflicts_with(self, activity: Activity) -> bool:
         """Whether an activity may not begin before this one has ended: they share an agent or a fact."""
-        return not self.is_over and (
-            not _busy(self).isdisjoint(agent for do in activity.tasks for agent in do.agents)
-            or not self.activity.makes.keys().isdisjoint(activity.needs.keys() | activity.makes.keys())
-            or not self.activity.needs.keys().isdisjoint(activity.makes.keys())
-        )
-
-
-def _busy(work: StartedActivity) -> set[Any]:
-    """The agents that take no further task."""
-    return {agent for task in work.tasks if not task.is_over for agent in task.do.agents if agent.tasks == 1}
+        busy = {agent for task in self.tasks if not task.is_over for agent in task.do.agents if agent.tasks == 1}
+        wanted = {agent for do in activity.tasks for agent in do.agents}
+        makes, needs = self.activity.makes.keys(), self.activity.needs.keys()
+        facts = (makes & (activity.needs.keys() | activity.makes.keys())) | (needs & activity.makes.keys())
+        return not self.is_over and bool(busy & wanted or facts)

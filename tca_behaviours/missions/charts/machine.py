@@ -4,13 +4,14 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from tca_behaviours.missions.charts.own_task import run_as_task
+from tca_behaviours.missions.charts.running import run_as_task
 from tca_behaviours.missions.charts.soundness import endings_of
 from tca_behaviours.missions.charts.states import MachineState
 from tca_behaviours.missions.client.mission import BaseMission
 from tca_behaviours.missions.outcomes import TaskEnd
 from tca_behaviours.statecharts.writing import BlockMachine
 from tca_module import MisuseError
+from tca_module.checks import check, one_of
 from tca_tools.drawing.chart_dot import chart_dot
 from tca_wire.charts import StateKind
 
@@ -112,6 +113,5 @@ class Concurrence(StateMachine):
 
 
 def _concurrence(until: str) -> StateKind:
-    if until not in _KINDS:
-        raise MisuseError(f"until is 'any' or 'all', not {until!r:.60}")
+    check("a concurrence", one_of("'any' or 'all'", _KINDS), until=until)
     return _KINDS[until]

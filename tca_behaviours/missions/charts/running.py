@@ -2,41 +2,26 @@
 
 All happens in one thread, which waits for the tasks that run. Whatever ends that wait (a kill, Ctrl-C, an error) stops
 them all.
+
+The machine is a task, too: a command that this process handles, with the machine's structure as data and the active
+states as progress. So it stands in the tree with its tasks under it, can be watched, cancelled and killed, and ends if
+the process dies.
 """
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 from tca_behaviours.missions.charts.statechart import Statechart
 from tca_behaviours.missions.charts.states import MachineState
-from tca_behaviours.missions.outcomes import Status, TaskEnd
-from tca_module import TcaError
-from tca_wire.charts import ActiveStates, Ending, StateKind
+from tca_behaviours.missions.client.mission import BaseMission, Mission
+from tca_behaviours.missions.client.task_handle import TaskHandle
+from tca_behaviours.missions.outcomes import MISSION_TASK_FAILED, MISSION_TASK_TIMEOUT, Status, TaskEnd
+from tca_module import Command, Module, Task, TcaError
+from tca_wire.charts import ActiveStates, Ending, MachineChart, StateKind
 
 _PATIENCE = 5.0
 """So many seconds a machine that is stopped itself waits for its tasks."""
-
-
-class StartedTask(Protocol):
-    """A task that a mission has started."""
-
-    @property
-    def end(self) -> TaskEnd | None:
-        """Its end, once it is there."""
-
-    def stop(self, why: str = "") -> object:
-        """Ask it to end, without waiting for that."""
-
-
-class Starter(Protocol):
-    """What a machine needs of a mission."""
-
-    def start(self, task: str, /, **parameters: Any) -> Any:
-        """Begin a task, without waiting for it."""
-
-    def first_ended(self, tasks: list[Any], timeout: float | None = None) -> list[Any]:
-        """Wait until one of the tasks has ended; those that have, in the order of their ends."""
 
 
 _ENDINGS: dict[Status, Ending] = {
@@ -61,13 +46,13 @@ class MachineEnd(NamedTuple):
 class MachineRun:
     """One run of the machine whose states *root* holds; *publish* is told of its active states when they change."""
 
-    def __init__(self, root: MachineState, mission: Starter, publish: Callable[[ActiveStates], object]) -> None:
+    def __init__(self, root: MachineState, mission: BaseMission, publish: Callable[[ActiveStates], object]) -> None:
         self._root = root
         self._mission = mission
         self._publish = publish
         self._chart = Statechart(root, self._entered, self._left)
-        self._running: dict[MachineState, StartedTask] = {}
-        self._stopping: list[StartedTask] = []
+        self._running: dict[MachineState, TaskHandle] = {}
+        self._stopping: list[TaskHandle] = []
 
     def until_end(self) -> MachineEnd:
         """Run the machine until it has ended. Nothing that it has started runs on, whatever happens."""
@@ -76,7 +61,7 @@ class MachineRun:
             text = ""
             while (ending := self._chart.ending) is None:
                 running = [state.label for state in self._running]
-                self._publish(ActiveStates(running, text, self._chart.active))
+                self._publish(ActiveStates(running, text, [state.number for state in self._chart.active]))
                 text = self._step()
             self._wait_for_stopped()
         except BaseException:
@@ -89,6 +74,7 @@ class MachineRun:
         ended = self._mission.first_ended(list(self._running.values()))[0]
         state = next(state for state, task in self._running.items() if task is ended)
         end = ended.end
+        assert end is not None
         ending = ending_of(end.status)
         words = f"{state.label} {_WORDS[ending]}"
         self._chart.note_end(state, ending)
@@ -104,7 +90,7 @@ class MachineRun:
         if task is not None:
             self._stop(task, f"{self._root!r} has left {state!r}")
 
-    def _stop(self, task: StartedTask, why: str) -> None:
+    def _stop(self, task: TaskHandle, why: str) -> None:
         if task.end is None:
             task.stop(why)
             self._stopping.append(task)
@@ -128,3 +114,44 @@ _WORDS: dict[Ending, str] = {
     "timeout": "was not done in time",
     "interrupted": "was interrupted",
 }
+
+
+# --- as a task -------------------------------------------------------------------------------------------------------
+
+
+def run_as_task(root: MachineState, chart: MachineChart, mission: BaseMission) -> TaskEnd:
+    """Run a machine as a task of *mission*, until it has ended."""
+    _check_tasks(root, mission)
+    name = f"{chart.name} of {mission.name}"  # nobody else's: the newest handler of a name gets all
+    command = Command(f"machine {name}", MachineChart, result=TaskEnd, progress=ActiveStates)
+    module = Module(command.name, mission.central)
+
+    @module.handles(command)
+    def run(task: Task, _: MachineChart) -> TaskEnd:
+        with Mission(mission.server, name=name, central=mission.central, under=task) as inner:
+            end = MachineRun(root, inner, task.report).until_end()
+        return _told(task, end)
+
+    with module.running():
+        return mission.finish(mission.start_command(command, chart, chart.name))
+
+
+def _check_tasks(root: MachineState, mission: BaseMission) -> None:
+    for state in root.all():
+        if state.kind is StateKind.TASK:
+            try:
+                mission.check(state.task, **state.parameters)
+            except TcaError as error:
+                error.add_note(f"It is state {state!r} of {root!r}.")
+                raise
+
+
+def _told(task: Task, end: MachineEnd) -> TaskEnd:
+    """The result of the machine's own task; one that did not complete fails, as a mission's tasks do."""
+    if end.ending == "failed":
+        raise MISSION_TASK_FAILED(text=end.text)
+    if end.ending == "timeout":
+        raise MISSION_TASK_TIMEOUT(text=end.text)
+    if end.ending == "interrupted":
+        task.kill(end.text)
+    return TaskEnd(Status.COMPLETED | Status.TERMINATED, end.text)

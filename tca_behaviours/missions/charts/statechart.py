@@ -16,38 +16,26 @@ from tca_wire.charts import Ending, StateKind
 Told = Callable[[MachineState], object]
 
 
-class Statechart:
+class Statechart(LibraryChart[MachineState]):
     """The statechart of one machine. It tells which states it enters and leaves, one after the other, as they are
     *entered* and *left*.
     """
 
     def __init__(self, root: MachineState, entered: Told, left: Told) -> None:
-        states = list(root.all())
-        self._names = {state: f"s{number}" for number, state in enumerate(states)}
-        self._states = {name: state for state, name in self._names.items()}
+        super().__init__(list(root.all()))
         self._told = entered, left
         definition: dict[str, Any] = {self._names[root]: self._defined(root, is_first=True)}
         definition |= {f"end_{ending}": {"final": True} for ending in ENDINGS}
-        self._chart = LibraryChart(definition)
-
-    def begin(self) -> None:
-        """Enter the first states."""
-        self._chart.begin()
+        self._compile(definition)
 
     def note_end(self, state: MachineState, ending: Ending) -> None:
         """The task of an active state has ended: leave the state, and enter those that follow."""
-        self._chart.send(_event(self._names[state], ending))
-
-    @property
-    def active(self) -> list[int]:
-        """The active states, by their numbers."""
-        names = self._chart.active
-        return [number for number, name in enumerate(self._states) if name in names]
+        self.send(_event(self._names[state], ending))
 
     @property
     def ending(self) -> Ending | None:
         """How the machine has ended; None while it runs."""
-        names = self._chart.active
+        names = self._active_names
         return next((ending for ending in ENDINGS if f"end_{ending}" in names), None)
 
     # --- its definition --------------------------------------------------------------------------------------------

@@ -62,14 +62,12 @@ class OfferedTask:
         self._format = PlainFormat(info.data)
         definitions, fields = schema.get("$defs", {}), _resolved(schema, schema.get("$defs", {}))
         self.required: Sequence[str] = fields.get("required", ())
-        order = [*mark.parameters]
-        self.parameters = sorted(
-            (
-                TaskParameter(name, part, definitions, required=name in self.required)
-                for name, part in fields.get("properties", {}).items()
-            ),
-            key=lambda one: order.index(one.name) if one.name in order else len(order),
-        )
+        shapes = fields.get("properties", {})
+        declared = [name for name in mark.parameters if name in shapes]
+        self.parameters = [
+            TaskParameter(name, shapes[name], definitions, required=name in self.required)
+            for name in dict.fromkeys([*declared, *shapes])
+        ]
 
     @property
     def runs_in_foreground(self) -> bool:

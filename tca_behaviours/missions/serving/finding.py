@@ -44,9 +44,7 @@ class Finding:
             try:
                 module = _load(file)
             except (Exception, SystemExit) as error:  # noqa: BLE001 - the file's author reads the log
-                self._log.error(
-                    "the tasks of %s are left out: %s: %s", file, type(error).__name__, error, exc_info=error
-                )
+                self._leave_out(f"the tasks of {file} are", error)
                 continue
             for task in _tasks_of(module):
                 self._try(task, str(file))
@@ -58,10 +56,13 @@ class Finding:
             try:
                 task = check_task(entry.load())
             except (Exception, SystemExit) as error:  # noqa: BLE001 - the package's author reads the log
-                self._log.error("%s is left out: %s: %s", where, type(error).__name__, error, exc_info=error)
+                self._leave_out(f"{where} is", error)
                 continue
             if isinstance(self._environment, environment_of(task)):
                 self._try(task, where)
+
+    def _leave_out(self, what: str, error: BaseException) -> None:
+        self._log.error("%s left out: %s: %s", what, type(error).__name__, error, exc_info=error)
 
     def _try(self, task: type[ServedTask[Any]], where: str) -> None:
         try:

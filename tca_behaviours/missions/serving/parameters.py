@@ -4,7 +4,7 @@ import inspect
 import json
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin, get_type_hints, overload
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints, overload
 
 import msgspec
 
@@ -17,12 +17,11 @@ FIXED = "x-tca-fixed"
 """The key that a parameter's schema has if it can't be changed while the task runs."""
 
 
-class Parameter:
+class Parameter(NamedTuple):
     """The declaration of a parameter: its default (NODEFAULT: it must be given) and what may be said of its type."""
 
-    def __init__(self, default: Any, meta: msgspec.Meta) -> None:
-        self.default = default
-        self.meta = meta
+    default: Any
+    meta: msgspec.Meta
 
 
 @overload

@@ -4,6 +4,7 @@ import contextlib
 import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from sys import float_info
 from typing import Any
 
 import msgspec
@@ -14,7 +15,8 @@ from tca_behaviours.missions.serving.environment import Environment
 from tca_behaviours.missions.serving.finding import Finding
 from tca_behaviours.missions.serving.foreground import Foreground
 from tca_behaviours.missions.serving.run import TaskRun
-from tca_module import Callback, MisuseError, Module, Stopped, Task
+from tca_module import Callback, Module, Stopped, Task
+from tca_module.checks import check, instance_of, number, whole
 from tca_module.link.opening import CentralAddress
 from tca_module.log import log_of
 
@@ -23,6 +25,9 @@ _IDLE_AFTER = (
 )
 _IDLE_AGAIN_AFTER = 5.0  # seconds, if it failed
 _KEPT_FREE = 2  # of the tasks at a time: one in the foreground, and one that takes its place
+_ENVIRONMENT = instance_of("an object of a class that inherits from Environment", Environment)
+_RATE = number("more than 0 iterations a second", float_info.min)
+_CAPACITY = whole(f"{_KEPT_FREE + 1} or more", _KEPT_FREE + 1)
 
 
 class TaskServer:
@@ -47,12 +52,9 @@ class TaskServer:
         self.module = Module(name, central, capacity=capacity)
         self.environment = environment
         self._log = log_of(name)
-        if not isinstance(environment, Environment):
-            raise MisuseError(f"server '{name}': environment must inherit from Environment, not {environment!r:.60}")
-        if not rate > 0:
-            raise MisuseError(f"server '{name}': rate must be more than 0 iterations a second, not {rate!r}")
-        if capacity <= _KEPT_FREE:
-            raise MisuseError(f"server '{name}': capacity must be {_KEPT_FREE + 1} or more, not {capacity}")
+        check(f"server '{name}'", _ENVIRONMENT, environment=environment)
+        check(f"server '{name}'", _RATE, rate=rate)
+        check(f"server '{name}'", _CAPACITY, capacity=capacity)
         finding = Finding(name, environment, rate, self._log)
         finding.add_given([*tasks, *([idle] if idle is not None else [])])
         if folder is not None:

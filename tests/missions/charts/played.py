@@ -77,7 +77,8 @@ class Played:
         self.mission = on or PlayedMission(*script)
         self.published: list[ActiveStates] = []
         self.end: MachineEnd | None = None
-        run = MachineRun(machine.root, self.mission, self.published.append)
+        mission: Any = self.mission
+        run = MachineRun(machine.root, mission, self.published.append)
         with suppress(EndOfPlay):
             self.end = run.until_end()
         labels = [state.label for state in machine.chart.states]

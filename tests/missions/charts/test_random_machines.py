@@ -75,7 +75,8 @@ def drawn(data: st.DataObject) -> StateMachine:
 @given(st.data())
 def test_sound_machines_run(data: st.DataObject) -> None:
     sm = drawn(data)
-    mission, published = Bored(data), list[ActiveStates]()
+    mission: Any = Bored(data)
+    published = list[ActiveStates]()
     run = MachineRun(sm.root, mission, published.append)
     with suppress(EndOfPlay):
         assert run.until_end().ending in endings_of(sm.root)[sm.root]
@@ -94,7 +95,7 @@ def explored(root: MachineState) -> tuple[set[MachineState], set[Ending]]:
     """The states that the statechart can enter, and the endings that it can have, by trying all."""
     entered, endings = set[MachineState](), set[Ending]()
     chart = Statechart(root, entered.add, lambda _: None)
-    states, seen = list(root.all()), set[tuple[int, ...]]()
+    seen = set[tuple[MachineState, ...]]()
     paths: list[list[tuple[MachineState, Ending]]] = [[]]
     for path in paths:
         chart.begin()
@@ -104,7 +105,7 @@ def explored(root: MachineState) -> tuple[set[MachineState], set[Ending]]:
             endings.add(chart.ending)
         elif (active := tuple(chart.active)) not in seen:
             seen.add(active)
-            tasks = [states[number] for number in active if states[number].kind is StateKind.TASK]
+            tasks = [state for state in active if state.kind is StateKind.TASK]
             paths += [[*path, (task, ending)] for task in tasks for ending in ENDINGS]
     return entered, endings
 

@@ -110,7 +110,7 @@ def test_refused_where_it_is_written() -> None:
             goto.on(completed=3)  # type: ignore[arg-type]
         with pytest.raises(MisuseError, match="parameters are given by name"):
             sm.GoTo(1.0)
-        with pytest.raises(MisuseError, match="until is 'any' or 'all', not 'some'"):
+        with pytest.raises(MisuseError, match="until must be 'any' or 'all', not 'some'"):
             sm.concurrence(until="some")  # type: ignore[arg-type]
         with sm.sequence() as inner:
             sm.GoTo()
@@ -123,9 +123,9 @@ def test_refused_where_it_is_written() -> None:
             late()
     with pytest.raises(MisuseError, match="its states are written inside its with block"):
         Sequence("robot").GoTo()
-    with pytest.raises(MisuseError, match="a machine needs a name, not ''"):
+    with pytest.raises(MisuseError, match="a machine: name must be a text that is not blank, not ''"):
         StateMachine("")
-    with pytest.raises(MisuseError, match="until is"):
+    with pytest.raises(MisuseError, match="until must be"):
         Concurrence("robot", until="first")  # type: ignore[arg-type]
 
 

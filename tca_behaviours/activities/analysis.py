@@ -1,4 +1,5 @@
-"""Response-time analysis of processors with fixed priorities.
+"""Response-time analysis of processors with fixed priorities, and the policies that allocate activities to them. Pure:
+from names, periods and execution times.
 
 A processor is schedulable if each tick ends within one period of the processor, the least of its activities, after it
 was due. In the worst case all activities are due at once. Then a processor is done after its own execution times and
@@ -12,7 +13,7 @@ then, but need not be reached. Execution times alone count: none for switching, 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 _EXACT = 1e-9  # of a period: so much comes of rounding
@@ -60,3 +61,54 @@ def response_bound(processor: Sequence[Demand], higher: Sequence[Demand], lower:
             return bound
         bound = found
     return None
+
+
+# --- bounds of utilisation, for preemptive processors whose activities have one period each ---------------------------
+
+
+def liu_layland(number: int) -> float:
+    """So many processors with rate-monotonic priorities are schedulable if they use no more than this."""
+    return number * (2 ** (1 / number) - 1) if number else 1.0
+
+
+def is_hyperbolic(utilisations: Iterable[float]) -> bool:
+    """Whether processors that use so much each are schedulable by the hyperbolic bound, which accepts more."""
+    return math.prod(1 + each for each in utilisations) <= 2
+
+
+# --- policies: which processor ticks which activities ----------------------------------------------------------------
+
+Allocation = dict[str, list[str]]
+"""The names of activities in order of subscription, by processors."""
+Policy = Callable[[Sequence[Demand]], Allocation]
+
+
+def one_for_all(activities: Sequence[Demand]) -> Allocation:
+    """One processor, in the order given."""
+    return {"all": [one.name for one in activities]}
+
+
+def one_each(activities: Sequence[Demand]) -> Allocation:
+    """A processor for each activity, with its name."""
+    return {one.name: [one.name] for one in activities}
+
+
+def automatic(activities: Sequence[Demand]) -> Allocation:
+    """The fewest processors that are schedulable.
+
+    Activities are taken in rate-monotonic order: the shortest period first. Each joins the processor of the one before
+    it, unless that would not be schedulable any more. No other way to cut this order into processors needs fewer: a
+    processor that begins later has a longer period, and the same activities before it. An activity that is not
+    schedulable alone has a processor of its own.
+    """
+    order = sorted(activities, key=lambda one: one.period)  # stable: the order of subscription stays
+    groups: list[list[Demand]] = []
+    begin = 0
+    for place, one in enumerate(order):
+        joined = order[begin : place + 1]
+        if groups and response_bound(joined, order[:begin], order[place + 1 :]) is not None:
+            groups[-1].append(one)
+        else:
+            groups.append([one])
+            begin = place
+    return {f"processor {number}": [one.name for one in group] for number, group in enumerate(groups, 1)}

@@ -1,8 +1,9 @@
-"""Whether an activity may run before its turn, by the facts that hold, are needed and are made."""
+"""What activities take before their turn: variables, and places at agents. They are given to those that come first."""
 
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable
 
-from tca_behaviours.coordination.model.situation import Fact
+from tca_behaviours.coordination.model.activities import Agent, Do
 from tca_wire.coordination import Objection, Reason
 
 
@@ -32,6 +33,17 @@ class Reservations:
         return None
 
 
-def holds(variable: str, value: Fact, facts: Mapping[str, Fact]) -> bool:
-    """Whether a variable is known to have this value."""
-    return variable in facts and facts[variable] == value
+class Places:
+    """The places that are taken at each agent."""
+
+    def __init__(self) -> None:
+        self._taken: Counter[Agent] = Counter()
+
+    def take(self, tasks: Iterable[Do]) -> None:
+        """A place for each task, at each agent that it needs."""
+        self._taken.update(agent for task in tasks for agent in task.agents)
+
+    def full(self, tasks: Iterable[Do]) -> Agent | None:
+        """The first agent that has too few places left for these tasks, if any."""
+        wanted = Counter(agent for task in tasks for agent in task.agents)
+        return next((agent for agent, places in wanted.items() if self._taken[agent] + places > agent.tasks), None)
