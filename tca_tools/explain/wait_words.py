@@ -238,33 +238,13 @@ class Last(NamedTuple):
     number: int
     which: str
     """Why it waits for nothing else, behind its name: "no module handles", "is suspended"."""
-    that: str
-    """*which* as a sentence of its own: "no module handles that", "that is suspended"."""
     more: int
     """How many others there are."""
 
     def __str__(self) -> str:
-        return self._and_others(f"for {self.thing}, which {self.which}")
-
-    @property
-    def brief(self) -> str:
-        """Without why."""
-        return self._and_others(f"for {self.thing}")
-
-    @property
-    def behind(self) -> str:
-        """The words behind its name: ``no module handles that; in the end also for 2 others``."""
-        return f"{self.that}; in the end also {self.others}" if self.more else self.that
-
-    @property
-    def others(self) -> str:
-        """``for 2 others``; "" if there are none."""
-        if self.more >= MOST:
-            return f"for {MOST} or more others"
-        return f"for {counted(self.more, 'other')}" if self.more else ""
-
-    def _and_others(self, first: str) -> str:
-        return f"{first}, and {self.others}" if self.more else first
+        at_least = "at least " * (self.more >= MOST)
+        others = f", and for {at_least}{counted(min(self.more, MOST), 'other')}" if self.more else ""
+        return f"for {self.thing}, which {self.which}{others}"
 
 
 def in_the_end(at: RunAt, task: TaskAt, within: int | None = None) -> Last | None:
@@ -303,40 +283,35 @@ def _is_plain(at: RunAt, task: TaskAt, end: End) -> bool:
 
 def last_of(at: RunAt, end: End, more: int = 0) -> Last:
     """One end in words, and how many more there are."""
-    claim, query = at.run.claims.get(end.number), at.run.messages.get(end.number)
-    thing, which = at.describe(end.number), ""
-    run = at.handling_of(query) if query and end.kind is WaitKind.RUNNING else None
-    if query and query.message_class.asks_many and end.kind is not WaitKind.CIRCLE:
-        asked_of = of_query(at, query)
-        which = not_answered(asked_of) if asked_of.because else "has not been answered"
-        return Last(thing, end.number, which, which, more)
+    claim = at.run.claims.get(end.number)
     if claim:
-        thing = f"the {claim}"
-        which = f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}"
-    elif run:
-        which = f"{place(run.module, run.resource)} handles"
-    elif end.kind is WaitKind.HANDLER:
-        which = "no module handles"
-    if which:
-        return Last(thing, end.number, which, f"{which} that", more)
-    which = _why_last(at, end)
-    return Last(thing, end.number, which, f"that {which}", more)
+        return Last(
+            f"the {claim}", end.number, f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}", more
+        )
+    query, task = at.run.messages.get(end.number), at.tasks.get(end.number)
+    which = _why_last(at, end, query) if query else ""
+    which = which or (_why_standing(at, end, task) if task else "has not been answered")
+    return Last(at.describe(end.number), end.number, which, more)
 
 
-def _why_last(at: RunAt, end: End) -> str:
-    task = at.tasks.get(end.number)
+def _why_last(at: RunAt, end: End, query: Message) -> str:
+    """Why a message that is in no other's way goes no further: where it is; "" if that is not known."""
     if end.kind is WaitKind.CIRCLE:
         others = (one for one in Ends.at(at).members(end) if one != end.number)
         return f"waits for itself by way of {listed([*map(at.describe, others)])}"
-    if task is None:
-        return "has not been answered"
+    if query.message_class.asks_many:
+        asked_of = of_query(at, query)
+        return not_answered(asked_of) if asked_of.because else ""
+    run = at.handling_of(query) if end.kind is WaitKind.RUNNING else None
+    if run:
+        return f"{place(run.module, run.resource)} handles"
+    return "no module handles" if end.kind is WaitKind.HANDLER else ""
+
+
+def _why_standing(at: RunAt, end: End, task: TaskAt) -> str:
     if end.kind is WaitKind.RESUME and task.suspension:
         return f"is {suspended(task.suspension)}"
-    found: list[str] = []
-    if end.kind is WaitKind.DELAY:
-        delays = [one for one in waits_now(at, task.id) if one.kind is WaitKind.DELAY]
-        found = clauses(told(at, delays))
-    found = found or reasons(at, task)
+    found = reasons(at, task)
     return f"{how(task)} {', and '.join(found)}" if found else f"is {task.standing}"
 
 
