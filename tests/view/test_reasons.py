@@ -66,7 +66,6 @@ def test_what_a_row_with_little_room_tells(look: Look, tmp_path: Path) -> None:
     )
     for width, told in {
         2400: [f"{scanner}, for 69 s", f"{consent}, for 69 s"],
-        1400: [f"{scanner}, for 69 s", consent],
         700: [scanner, consent],
     }.items():
         page.set_viewport_size({"width": width, "height": 800})
