@@ -4,14 +4,15 @@ Here a ``Wait`` becomes a ``WaitFor``; the words of that are in tca_wire/text/wa
 clauses of what a task waits for now, ``in_the_end`` is what they lead to, ``coming`` what is to happen to it.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from math import inf
 from typing import NamedTuple
 
 from msgspec.structs import replace
 
 from tca_tools.explain.ends import End, Ends
 from tca_tools.explain.graph import keepers_of, next_node, steps, waits_now
-from tca_tools.explain.keepers import Keepers, kept_out
+from tca_tools.explain.keepers import Keepers, WaitPart, kept_out
 from tca_tools.explain.wait import Wait
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.records import (
@@ -26,10 +27,11 @@ from tca_tools.journal.records import (
     Suspension,
     TaskState,
 )
+from tca_tools.journal.whole_run import Run
 from tca_wire.points import ROOT, describe_moments
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import counted, duration, listed, run_time
-from tca_wire.text.waits_in_words import clauses, not_answered, reached, suspended_by
+from tca_wire.text.waits_in_words import causes_in_words, clauses, not_answered, reached, suspended_by
 from tca_wire.vocabulary import Scope
 from tca_wire.waits import NAMED, WaitFor, WaitKind, first_ones
 from tca_wire.waits.ends import MOST
@@ -73,13 +75,13 @@ def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
     """One wait with names, and with what keeps a resource or a query busy at that moment."""
     number, kind, record = wait.on.number, wait.kind, wait.record
     if isinstance(record, Queueing):
-        return of_queueing(at, record, keepers_of(at, wait))
+        return of_queueing(at, keepers_of(at, wait), record)
     if isinstance(record, Hold):
         return _of_constraint(at, kind, record)
     if kind is WaitKind.REPLY and number in at.run.messages:
         return of_query(at, at.run.messages[number])
     if kind is WaitKind.LOCK:
-        return of_claim(at, at.run.claims[number], keepers_of(at, wait))
+        return of_claim(at, keepers_of(at, wait), at.run.claims[number])
     if kind is WaitKind.CONDITION:
         return _of_condition(at, number)
     moment = 0 if however and kind is WaitKind.SUBTASK else wait.on.moment
@@ -126,17 +128,17 @@ def of_query(at: RunAt, query: Message) -> WaitFor:
     where = [WaitFor(WaitKind.RUNNING, module=run.module, resource=run.resource) for run in runs]
     for one in queueings:
         by = kept_out(at, one.module, one.resource, query) if one.module else Keepers()
-        where.append(of_queueing(at, one, by))
+        where.append(of_queueing(at, by, one))
     return replace(reply, answered=answered, because=tuple(where))
 
 
-def of_claim(at: RunAt, claim: Claim, by: Keepers) -> WaitFor:
+def of_claim(at: RunAt, by: Keepers, claim: Claim) -> WaitFor:
     """A lock or reservation that is waited for."""
     because = _because(at, by)
     return WaitFor(WaitKind.LOCK, claim.id, _called(claim), 0, claim.module, claim.resource, because=because)
 
 
-def of_queueing(at: RunAt, queueing: Queueing, by: Keepers) -> WaitFor:
+def of_queueing(at: RunAt, by: Keepers, queueing: Queueing) -> WaitFor:
     """A stay in a queue, with what keeps the resource busy."""
     module, resource, because = queueing.module, queueing.resource, _because(at, by)
     if not module:
@@ -144,6 +146,15 @@ def of_queueing(at: RunAt, queueing: Queueing, by: Keepers) -> WaitFor:
     if not because and not at.capacity(module, resource):
         because = (WaitFor(WaitKind.HANDLER),)
     return WaitFor(WaitKind.RESOURCE, module=module, resource=resource, because=because)
+
+
+def cut_by_cause(
+    run: Run, parts: Iterable[WaitPart], made: Callable[[RunAt, Keepers], WaitFor], until: float = inf
+) -> str:
+    """A wait in words, with each cause that it had by then, and how long: *made* makes a part of it of its cause."""
+    known = [(made(RunAt(run, start), by), min(end, until, run.time) - start)
+             for start, end, by in parts if start <= until]  # fmt: skip
+    return causes_in_words(known)
 
 
 def _because(at: RunAt, by: Keepers) -> tuple[WaitFor, ...]:
