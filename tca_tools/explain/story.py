@@ -8,7 +8,7 @@ from math import inf, nextafter
 from operator import attrgetter
 from typing import NamedTuple
 
-from tca_tools.explain.deciding import decisions, exhausted, passed_on, retried
+from tca_tools.explain.deciding import calls, decisions, passed_on, retried
 from tca_tools.explain.keepers import parts_in_queue, parts_of_claim
 from tca_tools.explain.wait import Wait
 from tca_tools.explain.wait_words import (
@@ -102,7 +102,7 @@ def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
         if why:
             told.append(Sentence(time, f"{_ended_so(message, time)}: {why}"))
     if isinstance(message, Task):
-        told += _exception_handlers(run, message)
+        told += _exception_handlers(run, message, moment)
         told += _suspensions(run, message, moment)
         told += _changes(message, moment)
         told += _kills(message)
@@ -168,18 +168,11 @@ def _ended_so(query: Message, given_up: float) -> str:
     return "ended with the answers that had come" if has_some else "came to nothing"
 
 
-def _exception_handlers(run: Run, task: Task) -> Sentences:
+def _exception_handlers(run: Run, task: Task, moment: float) -> Sentences:
     """Those that were called for it, those that were not, and what came of that; or what it decided as one."""
-    for spent in run.exhausted.get(task.id, ()):
-        yield Sentence(spent.time, f"exception handler {exhausted(spent)}")
-    for handler in task.caught_by:
-        if found := run.tasks.get(handler):
-            yield Sentence(found.received, f"exception handler {found} is called")
-            for time, failure in found.became("failure"):
-                if failure:
-                    yield Sentence(time, f"{found} fails, too: {first_line(failure)}")
-        for time, how in passed_on(run, handler):
-            yield Sentence(time, f"{run.describe(handler)} {how}")
+    later = nextafter(moment, inf)
+    for call in (*calls(RunAt(run, moment), task, end=later), *calls(RunAt(run), task, later)):
+        yield Sentence(call.time, f"exception handler {call.text}")
     what = f"the failure of {run.describe(task.parent)}"
     yield from (Sentence(*one) for one in passed_on(run, task.id, what))
     for retry in task.retries:
