@@ -35,18 +35,22 @@ class Wording:
             kind = "reservation" if fact.is_reserved else "lock"
             self._names[fact.id] = f"{kind} of {place(fact.module, fact.resource)}"
         phrase = PHRASES.get(type(fact)) or f"{{{fact.__struct_fields__[0]}:name}}"
-        return "".join(self._part(fact, *part) for part in _parts(phrase))
+        return self.filled(phrase, fact)
 
-    def _part(self, fact: facts.Fact, flag: str, text: str, certain: str) -> str:
+    def filled(self, phrase: str, record: Any) -> str:
+        """A phrase with the fields of a record; its parts are explained at ``PHRASES``."""
+        return "".join(self._part(record, *part) for part in _parts(phrase))
+
+    def _part(self, record: Any, flag: str, text: str, certain: str) -> str:
         """A part of a phrase, filled in; "" for an optional part without values."""
         if flag:
-            text = text.partition("|")[0 if getattr(fact, flag) else 2]
+            text = text.partition("|")[0 if getattr(record, flag) else 2]
         words, *fields = _pieces(text or certain)
         for name, form, behind in zip(fields[::3], fields[1::3], fields[2::3], strict=True):
-            value = getattr(fact, name)
+            value = getattr(record, name)
             if not (value or flag or certain):
                 return ""
-            words += _FORMS[form](self, fact, value) + behind
+            words += _FORMS[form](self, record, value) + behind
         return words
 
     def cause(self, cause: Cause) -> str:
@@ -74,6 +78,8 @@ class Wording:
         parts = [delay] if before.task == ROOT else [self.point(before), *filter(None, [delay])]
         return f"{' + '.join(parts)} before {self.point(constraint.after)}"
 
+
+ATTACHMENT = "{handler} for [failure?{failure}|any failure][ (at most {maximum} times)]"
 
 PHRASES: dict[type, str] = {
     facts.Opened: "segment {segment} of {epoch}, by central {central}, began {began:date}",
@@ -130,10 +136,7 @@ PHRASES: dict[type, str] = {
     facts.Claimed: "{id:name} by {sender}{origin:in}",
     facts.ClaimEnded: "{id:name}: {why}",
     facts.Failed: "{id:name}[ of message {copy_of:number}]: {failure}[: {text}]{by:raised}",
-    facts.Attached: (
-        "{id:number} {handler} for [failure?{failure}|any failure] of [message?all {message}|{task:at}]"
-        "[, at most {maximum} times]"
-    ),
+    facts.Attached: "{id:number} " + ATTACHMENT + " of [message?all {message}|{task:at}]",
     facts.Removed: "{id:number}{by:by}",
     facts.Caught: "{task:name} by {handler:name}, attached to {at:at}",
     facts.NotResolved: "{handler:name} returned without dealing with the failure of {task:name}",
@@ -171,6 +174,8 @@ _AWAITED = {WaitKind.CHANGE: "a change of ", WaitKind.PRESENCE: "handlers of "}
 _FORMS: dict[str, Callable[[Wording, Any, Any], str]] = {
     "": lambda _, __, value: str(value),
     "at": lambda say, _, task: say.name(task) if task else "the root",
+    "attachment": lambda say, _, one: say.filled(ATTACHMENT, one),
+    "attachments": lambda say, _, several: " and ".join(say.filled(ATTACHMENT, one) for one in several),
     "awaited": lambda say, fact, task: _AWAITED.get(fact.awaits, "") + _moment_of(fact) + (fact.name or say.name(task)),
     "by": lambda _, __, by: by_whom(by),
     "constraint": lambda say, _, one: say.constraint(one),
