@@ -62,7 +62,7 @@ def test_what_a_row_with_little_room_tells(look: Look, tmp_path: Path) -> None:
     page = look(story.at(70.0).write(tmp_path / "ward"))
     scanner, consent = (
         "for radiology / scanner, busy with ct scan {1}",
-        "for the reply to consent of the patient {4}, which no module handles",
+        "for the reply to consent of the patient {4} (no module handles it)",
     )
     for width, told in {
         2400: [f"{scanner}, for 69 s", f"{consent}, for 69 s"],
