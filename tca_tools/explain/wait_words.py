@@ -90,7 +90,8 @@ def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
         number, name, moment = 0, "", 0
     elif not name:
         name = at.run.name(number)
-    return WaitFor(kind, number, name, moment)
+    by, since_birth = (record.by, record.since_birth) if isinstance(record, Suspension) else ("", False)
+    return WaitFor(kind, number, name, moment, by, since_birth=since_birth)
 
 
 def _of_constraint(at: RunAt, kind: WaitKind, hold: Hold) -> WaitFor:
@@ -213,23 +214,13 @@ def asked(at: RunAt, task: TaskAt) -> list[WaitFor]:
 
 
 def how(task: TaskAt, verb: str = "waits") -> str:
-    """The words before the reasons of a task: "waits", "suspended by operator panel,", "watches"."""
-    if task.watches and task.state is not TaskState.ENDING:
-        return "watches"
-    if is_told_with_state(task) and task.suspension:
-        return f"{suspended(task.suspension)},"
-    return verb
+    """The words before the reasons of a task: "waits", "watches"."""
+    return "watches" if task.watches and task.state is not TaskState.ENDING else verb
 
 
 def suspended(one: Suspension) -> str:
     """``suspended by panel``."""
     return suspended_by(one.by, since_birth=one.since_birth)
-
-
-def is_told_with_state(task: TaskAt) -> bool:
-    """Whether it is suspended, and known by whom: that is told with what it waits for."""
-    suspension = task.suspension if task.state is TaskState.SUSPENDED else None
-    return suspension is not None and bool(by_whom(suspension.by))
 
 
 def age_of(waits: list[Wait]) -> Age | None:

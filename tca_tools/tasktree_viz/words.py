@@ -13,7 +13,6 @@ from tca_tools.explain.wait_words import (
     coming,
     how,
     in_the_end,
-    is_told_with_state,
     shown,
     told_now,
 )
@@ -93,8 +92,6 @@ class TaskNote(NamedTuple):
     """Since when that keeps it waiting, and since when it waits in all."""
     last: Last | None = None
     """The last thing it waits for, if that says more."""
-    says_state: bool = False
-    """Whether the text begins with the task's state."""
     waits: Sequence[WaitFor] = ()
     """The waits that the text names, as data."""
 
@@ -133,7 +130,6 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
         failed = _joined(": ", "killed", _why_killed(at, task))
     text, age = "; ".join(coming(at, task)), age_of(waits)
     said = _joined("; ", failed, _life(task))
-    says_state = not said and bool(waits) and is_told_with_state(task)
     if waits:
         ahead = coming(at, task) if task.state is not TaskState.ENDING else []
         text = f"{how(task, verb)} {several_in_words(told)}".lstrip() + (f" ({'; '.join(ahead)})" if ahead else "")
@@ -146,7 +142,7 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
         age = Age(since, since)
         text = f"goes on while it waits {several_in_words(queries)}"
     text = _joined("; ", said, printable(text))
-    return TaskNote(text, age, last, says_state, told)
+    return TaskNote(text, age, last, told)
 
 
 def _life(task: TaskAt) -> str:
@@ -175,8 +171,8 @@ def _in_brief(progress: bytes) -> str:
 def with_state(at: RunAt, task: TaskAt, note: TaskNote) -> str:
     """A note behind the task's state: ``held, waits until ...``, ``failed: slip``."""
     told = note.within(None, at.time)
-    if not told or note.says_state:
-        return told or task.standing
+    if not told:
+        return task.standing
     if task.state in (TaskState.RESOLVED, TaskState.FAILED, TaskState.KILLED, TaskState.ENDING):
         return f"{task.standing}: {told}"
     says_how = task.failure and task.state is not TaskState.RECOVERING
