@@ -15,10 +15,8 @@ from tca_tools.explain.waits import NO_TIME, of_handler_wait, told_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import HandlerWait, Queueing, Suspension, Task, TaskState
 from tca_tools.journal.whole_run import Run
-from tca_wire.text.facts_in_words import by_whom
-from tca_wire.text.measures import run_time
 from tca_wire.text.waits_in_words import causes_in_words, in_words
-from tca_wire.waits import WaitKind
+from tca_wire.waits import WaitFor, WaitKind
 
 KINDS = {
     WaitKind.CONSTRAINT: "Tasks held by constraints or their parents",
@@ -116,7 +114,8 @@ def _what(run: Run, found: _Found) -> str:
         case HandlerWait() as wait:
             return handler_wait_in_words(run, wait)
         case Suspension() as suspension:
-            return _until_resumed(suspension)
+            by, since_birth = suspension.by, suspension.since_birth
+            return in_words(WaitFor(WaitKind.RESUME, module=by, since_birth=since_birth))
         case Queueing() as queueing:
             return _in_queue(run, queueing)
         case Task() as task:
@@ -129,15 +128,6 @@ def _in_queue(run: Run, queueing: Queueing) -> str:
         return in_words(of_queueing(RunAt(run, queueing.start), Keepers(), queueing))
     parts = parts_in_queue(run, queueing, message)
     return cut_by_cause(run, parts, partial(of_queueing, queueing=queueing))
-
-
-def _until_resumed(suspension: Suspension) -> str:
-    is_over = suspension.end is not None and not suspension.is_resumed
-    text = "until it was killed" if is_over else "until it is resumed"
-    who = by_whom(suspension.by)
-    if suspension.standstill == suspension.start:
-        return f"{text} (suspended{who})" if who else text
-    return f"{text}; suspended{who} at {run_time(suspension.start)}, work under it went on"
 
 
 def _why_held(run: Run, task: Task, found: _Found) -> str:

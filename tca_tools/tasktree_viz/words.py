@@ -35,8 +35,6 @@ _LONGEST_PROGRESS = 40
 """Columns of an intermediate result."""
 _SHORTEST = 0.0005
 """Seconds: of a wait that has just begun nothing is said."""
-_UNITS = ("s", "ms", "µs", "min", "h")
-_STUCK = "\N{NO-BREAK SPACE}"
 
 
 FOLDED_UP = (
@@ -46,14 +44,8 @@ FOLDED_UP = (
 
 
 def lines_of(text: str, columns: int, most: int) -> list[str]:
-    """A text of a picture in a few lines; a number stays with its unit."""
-    stuck = before = ""
-    for word in text.split(" "):
-        is_unit = word.rstrip(",;.)") in _UNITS and before[-1:].isdigit()
-        stuck += (_STUCK if is_unit else " ") + word
-        before = word
-    lines = wrap(stuck[1:], columns, max_lines=most, placeholder="…")
-    return [line.replace(_STUCK, " ") for line in lines]
+    """A text of a picture in a few lines."""
+    return wrap(text, columns, max_lines=most, placeholder="…")
 
 
 def _joined(between: str, *parts: str) -> str:
