@@ -1,21 +1,20 @@
 """The longest waits of a run: who waited, how long, and for what, cut by cause."""
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from functools import partial
 from heapq import nlargest
 from math import inf, nextafter
 from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
-from tca_tools.explain.keepers import Keepers, WaitPart, parts_in_queue, parts_of_claim
+from tca_tools.explain.keepers import Keepers, parts_in_queue, parts_of_claim
 from tca_tools.explain.wait import has_come
-from tca_tools.explain.wait_words import of_claim, of_queueing, wait_for
+from tca_tools.explain.wait_words import cut_by_cause, of_claim, of_queueing, wait_for
 from tca_tools.explain.waits import NO_TIME, of_handler_wait, told_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import HandlerWait, Queueing, Suspension, Task, TaskState
 from tca_tools.journal.whole_run import Run
-from tca_wire.text.facts_in_words import by_whom
-from tca_wire.text.measures import run_time
 from tca_wire.text.waits_in_words import causes_in_words, in_words
 from tca_wire.waits import WaitFor, WaitKind
 
@@ -115,7 +114,8 @@ def _what(run: Run, found: _Found) -> str:
         case HandlerWait() as wait:
             return handler_wait_in_words(run, wait)
         case Suspension() as suspension:
-            return _until_resumed(suspension)
+            by, since_birth = suspension.by, suspension.since_birth
+            return in_words(WaitFor(WaitKind.RESUME, module=by, since_birth=since_birth))
         case Queueing() as queueing:
             return _in_queue(run, queueing)
         case Task() as task:
@@ -125,25 +125,9 @@ def _what(run: Run, found: _Found) -> str:
 def _in_queue(run: Run, queueing: Queueing) -> str:
     message = run.messages.get(queueing.message_id)
     if message is None or not queueing.module:
-        return in_words(of_queueing(RunAt(run, queueing.start), queueing, Keepers()))
+        return in_words(of_queueing(RunAt(run, queueing.start), Keepers(), queueing))
     parts = parts_in_queue(run, queueing, message)
-    return _cut(run, parts, lambda at, by: of_queueing(at, queueing, by))
-
-
-def _cut(run: Run, parts: list[WaitPart], made: Callable[[RunAt, Keepers], WaitFor]) -> str:
-    causes = []
-    for start, end, by in parts:
-        causes.append((made(RunAt(run, start), by), min(end, run.time) - start))
-    return causes_in_words(causes)
-
-
-def _until_resumed(suspension: Suspension) -> str:
-    is_over = suspension.end is not None and not suspension.is_resumed
-    text = "until it was killed" if is_over else "until it is resumed"
-    who = by_whom(suspension.by)
-    if suspension.standstill == suspension.start:
-        return f"{text} (suspended{who})" if who else text
-    return f"{text}; suspended{who} at {run_time(suspension.start)}, work under it went on"
+    return cut_by_cause(run, parts, partial(of_queueing, queueing=queueing))
 
 
 def _why_held(run: Run, task: Task, found: _Found) -> str:
@@ -165,7 +149,7 @@ def handler_wait_in_words(run: Run, wait: HandlerWait) -> str:
     in_vain, circle = ", in vain" * is_in_vain(run, wait), run.deadlock(wait)
     if (claim := run.claims.get(wait.awaited)) is not None:
         parts = parts_of_claim(run, wait, claim)
-        return _cut(run, parts, lambda at, by: of_claim(at, claim, by)) + in_vain
+        return cut_by_cause(run, parts, partial(of_claim, claim=claim)) + in_vain
     at = RunAt(run, nextafter(wait.until, 0.0))
     text = in_words(wait_for(at, of_handler_wait(run, wait))) + in_vain
     return f"{text}: {circle}" if circle else text

@@ -1,21 +1,21 @@
 """The steps of a path in words: where each was, and why it did not begin sooner. Pure."""
 
 from collections.abc import Iterator
-from math import inf, nextafter
+from math import nextafter
 
 from tca_tools.analysis.long_waits import handler_wait_in_words
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.explain.ends import Ends
 from tca_tools.explain.graph import waits_now
 from tca_tools.explain.wait import Wait
-from tca_tools.explain.wait_words import last_of, told, wait_for
+from tca_tools.explain.wait_words import last_of, told
 from tca_tools.explain.waits import waits_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import Message, Queueing, Task
 from tca_tools.journal.whole_run import UNKNOWN, Run
-from tca_wire.text.facts_in_words import by_whom, kill_reason, place
+from tca_wire.text.facts_in_words import kill_reason, place
 from tca_wire.text.measures import duration, run_time
-from tca_wire.text.waits_in_words import in_words, several_in_words
+from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.waits import WaitKind
 
 _LINKS = 6
@@ -138,29 +138,6 @@ def still_handled(run: Run, message_id: int, until: float) -> str:
     return ""
 
 
-def _why_delayed(run: Run, message: Message, step: PathStep) -> str:
-    """Which delay it was; of one that is not over, until when it lasts."""
-    delays = (one for one in waits_of(run, message.id) if one.kind is WaitKind.DELAY)
-    delay = next((one for one in delays if min(one.end, run.time) == step.end), None)
-    if delay is None:
-        return ""
-    said = wait_for(RunAt(run, step.start), delay)
-    if delay.end < inf:
-        return f"it waited {in_words(said)}"
-    text, left = f"it waits {in_words(said)}", (said.seconds or 0.0) - run.time
-    since = "from now" if run.is_live else "after the journal ends"
-    return f"{text}, {duration(left)} {since}" if left > 0 else text
-
-
-def _why_suspended(_run: Run, message: Message, step: PathStep) -> str:
-    for one in message.suspensions if isinstance(message, Task) else ():
-        if one.start <= step.start and one.until >= step.end:
-            since = f" at {run_time(one.start)}" if one.start < step.start else ""
-            text = by_whom(one.by) + since
-            return f"suspended{text}" if text else ""
-    return ""
-
-
 def _why_standing(run: Run, message: Message, step: PathStep) -> str:
     """The wait when the journal ends, or the step."""
     at = RunAt(run, nextafter(step.end, 0.0))
@@ -175,8 +152,8 @@ def _why_in_circle(run: Run, message: Message, step: PathStep) -> str:
 
 _WHY = {
     Doing.CIRCLE: _why_in_circle,
-    Doing.DELAY: _why_delayed,
-    Doing.SUSPENDED: _why_suspended,
+    Doing.DELAY: _why_standing,
+    Doing.SUSPENDED: _why_standing,
     Doing.QUEUED: _why_standing,
     Doing.HELD: _why_standing,
     Doing.LOCKED: _why_standing,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from tca_tools.explain.overlapping import called_within
 from tca_tools.journal.at_time import RunAt
-from tca_tools.journal.records import Exhausted, Handling, Retry, Task, TaskState
+from tca_tools.journal.records import Handling, Retry, Task, TaskState
 from tca_tools.journal.selection import lineage
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import TaskId
@@ -48,30 +48,22 @@ def _calls(at: RunAt, task: Task, start: float, end: float) -> Iterator[Call]:
             if handler.state not in (TaskState.HANDLING, TaskState.ACHIEVED):
                 text += f": {handler.state}"
             yield Call(record.received, 2 * one, text)
-        for ends, how in (
-            (run.reissued, "passed the failure on"),
-            (run.left_open, "returned without dealing with the failure"),
-        ):
-            if number in ends:
-                yield Call(ends[number], 2 * one + 1, f"{run.describe(number)} {how}")
+        for time, how in passed_on(run, number):
+            yield Call(time, 2 * one + 1, f"{run.describe(number)} {how}")
     spents = run.exhausted.get(task.id, [])
     first, last = (bisect_left(spents, time, key=_TIME) for time in (start, end))
     for spent in spents[first:last]:
         later = bisect_left(task.caught_by, spent.time, key=run.sent)
-        yield Call(spent.time, 2 * later, exhausted(spent))
+        text = f"{spent.handler} had been called {times(spent.calls)}, as often as it may"
+        yield Call(spent.time, 2 * later, text)
 
 
 def passed_on(run: Run, handler: int, what: str = "the failure") -> Iterator[tuple[float, str]]:
     """When, and how, an exception handler let *what* go on up the tree, if it did."""
     if handler in run.reissued:
-        yield run.reissued[handler], f"passes {what} on"
+        yield run.reissued[handler], f"passed {what} on"
     if handler in run.left_open:
-        yield run.left_open[handler], f"returns without dealing with {what}"
-
-
-def exhausted(one: Exhausted) -> str:
-    """``less heat had been called 3 times, as often as it may``."""
-    return f"{one.handler} had been called {times(one.calls)}, as often as it may"
+        yield run.left_open[handler], f"returned without dealing with {what}"
 
 
 def called_for(run: Run, handler: Task) -> Task:

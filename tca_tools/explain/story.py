@@ -1,28 +1,37 @@
 """The story of one message, in sentences: its sender, its waits, its handlers, its end."""
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from collections.abc import Iterator
+from functools import partial
 from itertools import groupby, pairwise
 from math import inf, nextafter
 from operator import attrgetter
 from typing import NamedTuple
 
-from tca_tools.explain.deciding import decisions, exhausted, passed_on, retried
-from tca_tools.explain.keepers import WaitPart, parts_in_queue, parts_of_claim
+from tca_tools.explain.deciding import calls, decisions, passed_on, retried
+from tca_tools.explain.keepers import parts_in_queue, parts_of_claim
 from tca_tools.explain.wait import Wait
-from tca_tools.explain.wait_words import of_ahead, of_claim, of_query, of_queueing, suspended, told, wait_for
+from tca_tools.explain.wait_words import (
+    cut_by_cause,
+    of_ahead,
+    of_claim,
+    of_query,
+    of_queueing,
+    suspended,
+    told,
+    wait_for,
+)
 from tca_tools.explain.waits import NO_TIME, of_handler_wait, told_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.coordinators import agent_task
 from tca_tools.journal.fates import WATCHING, told_to
-from tca_tools.journal.records import OVER, HandlerWait, Handling, LifeChange, Message, Task, TaskState
+from tca_tools.journal.records import OVER, Claim, HandlerWait, Handling, LifeChange, Message, Task, TaskState
 from tca_tools.journal.whole_run import Run
-from tca_tools.terminal import cut
 from tca_wire.coordination import TaskRole
 from tca_wire.life_cycles import Effect
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place, raised_by
-from tca_wire.text.measures import counted, listed
+from tca_wire.text.measures import listed
 from tca_wire.text.printable import first_line
 from tca_wire.text.waits_in_words import in_words, several_in_words, whereabouts
 from tca_wire.vocabulary import Outcome
@@ -33,10 +42,6 @@ NOT_HANDLED = "no exception handler handled that"
 _START = attrgetter("start")
 _SHORTEST = 0.0005
 """Seconds: of what has just begun no length is said."""
-_MANY = 3
-"""Waits of one handler at a time, more of which are told as one; keepers told at either end of a wait in a queue."""
-_LONGEST_ANSWER = 40
-"""Columns of an answer that is told among others."""
 _BAD = {TaskState.FAILED, TaskState.KILLED}
 _IS_TOLD = {*_BAD, TaskState.QUEUED, TaskState.HANDLING, TaskState.SUSPENDED}
 """States of which other sentences tell."""
@@ -95,10 +100,9 @@ def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
     told = [_birth(run, message), *_failures(run, message, moment)]
     for time, why in message.became("dropped"):
         if why:
-            text = _answers_so_far(run, message, time) or f"came to nothing: {why}"
-            told.append(Sentence(time, text))
+            told.append(Sentence(time, f"{_ended_so(message, time)}: {why}"))
     if isinstance(message, Task):
-        told += _exception_handlers(run, message)
+        told += _exception_handlers(run, message, moment)
         told += _suspensions(run, message, moment)
         told += _changes(message, moment)
         told += _kills(message)
@@ -157,38 +161,18 @@ def _kills(task: Task) -> Sentences:
             yield Sentence(time, f"killed: {reason}", is_bad=True)
 
 
-def _answers_so_far(run: Run, query: Message, given_up: float) -> str:
-    """The answers so far to a multi-query that was given up; its sender gets them. ``its sender waits no longer: 1 of 3
-    had answered: arm (7)``; "" of others.
-    """
-    if not query.message_class.asks_many or not query.was_given_up:
-        return ""
-    at = RunAt(run, nextafter(given_up, 0.0))
-    over = [one for one in query.handlings if one.until <= at.moment]
-    answers = []
-    for one in over:
-        if one.outcome is Outcome.DONE:
-            who = place(one.module, one.resource)
-            data = cut(data_text(query.was("result", one.until)), _LONGEST_ANSWER)
-            answers.append(f"{who} ({data})" if data else who)
-    if not answers:
-        return ""
-    how_many = f"{len(answers)} of {len(over) + len(of_query(at, query).because)}"
-    return f"its sender waits no longer: {how_many} had answered: {listed(answers)}"
+def _ended_so(query: Message, given_up: float) -> str:
+    """Whether it came to nothing: a multi-query that is given up ends with the answers that there are."""
+    answers = [one for one in query.handlings if one.outcome is Outcome.DONE and one.until < given_up]
+    has_some = query.message_class.asks_many and query.was_given_up and answers
+    return "ended with the answers that had come" if has_some else "came to nothing"
 
 
-def _exception_handlers(run: Run, task: Task) -> Sentences:
+def _exception_handlers(run: Run, task: Task, moment: float) -> Sentences:
     """Those that were called for it, those that were not, and what came of that; or what it decided as one."""
-    for spent in run.exhausted.get(task.id, ()):
-        yield Sentence(spent.time, f"exception handler {exhausted(spent)}")
-    for handler in task.caught_by:
-        if found := run.tasks.get(handler):
-            yield Sentence(found.received, f"exception handler {found} is called")
-            for time, failure in found.became("failure"):
-                if failure:
-                    yield Sentence(time, f"{found} fails, too: {first_line(failure)}")
-        for time, how in passed_on(run, handler):
-            yield Sentence(time, f"{run.describe(handler)} {how}")
+    later = nextafter(moment, inf)
+    for call in (*calls(RunAt(run, moment), task, end=later), *calls(RunAt(run), task, later)):
+        yield Sentence(call.time, f"exception handler {call.text}")
     what = f"the failure of {run.describe(task.parent)}"
     yield from (Sentence(*one) for one in passed_on(run, task.id, what))
     for retry in task.retries:
@@ -280,41 +264,12 @@ def _waits_in_queues(run: Run, message: Message, moment: float) -> Sentences:
     for queueing in message.queueings:
         if queueing.end == queueing.start:
             continue  # it passed through, to a handler that was free
-        if not queueing.module:
-            yield _lasting(queueing.start, queueing.until, "no module handles it")
-            continue
-        thing = place(queueing.module, queueing.resource)
-        for parts in _briefly(parts_in_queue(run, queueing, message), moment):
-            what = of_queueing(RunAt(run, parts[0].start), queueing, parts[0].by)
-            yield _kept_busy("queued", thing, what, parts)
-
-
-def _kept_busy(how: str, thing: str, what: WaitFor, parts: list[WaitPart]) -> Sentence:
-    """A part of a wait for a resource; or of several, in which others kept it busy one after the other."""
-    told = in_words(what)
-    if len(parts) > 1:
-        told = f"for {thing}, kept busy by {counted(len(parts), 'other')}, one after the other"
-    return _lasting(parts[0].start, parts[-1].end, f"{how} {told}")
-
-
-def _briefly(parts: list[WaitPart], moment: float) -> Iterator[list[WaitPart]]:
-    """The first and the last ones that had begun at a moment, and of those after it likewise; those between together.
-    What is told of a moment stays the same when time goes on.
-    """
-    known = bisect_right(parts, moment, key=attrgetter("start"))
-    for some in (parts[:known], parts[known:]):
-        yield from ([one] for one in some[:_MANY])
-        if middle := some[_MANY:-_MANY]:
-            yield middle
-        yield from ([one] for one in some[max(len(some) - _MANY, _MANY) :])
-
-
-class _Asked(NamedTuple):
-    """A question or wait of a handler, with its times."""
-
-    what: WaitFor
-    start: float
-    end: float
+        told = "no module handles it"
+        if queueing.module:
+            until = moment if queueing.start <= moment else inf
+            parts = parts_in_queue(run, queueing, message)
+            told = f"queued {cut_by_cause(run, parts, partial(of_queueing, queueing=queueing), until)}"
+        yield _lasting(queueing.start, queueing.until, told)
 
 
 def _run(at: RunAt, handling: Handling) -> Sentences:
@@ -323,29 +278,21 @@ def _run(at: RunAt, handling: Handling) -> Sentences:
         how = f": {handling.outcome or 'cut off'}"
     where = place(handling.module, handling.resource)
     yield _lasting(handling.start, handling.until, f"handled by {where}", how)
-    over: list[_Asked] = []
     for wait in handling.waits:
-        if wait.awaited in at.run.claims:
-            yield from _claim(at, wait)
-            continue
-        sentence = _wait(at, wait)
-        if sentence.ending or not sentence.seconds or wait.until > at.moment:
-            yield sentence
+        if (claim := at.run.claims.get(wait.awaited)) is not None:
+            yield from _claim(at, wait, claim)
         else:
-            over.append(_Asked(_plain(at.run, wait), wait.start, wait.until))
-    for some in _together(over):
-        what = several_in_words(one.what for one in some)
-        yield _in_all(some, f"its handler waits {what}")
+            yield _wait(at, wait)
     yield from _questions(at, handling)
 
 
-def _claim(at: RunAt, wait: HandlerWait) -> Sentences:
+def _claim(at: RunAt, wait: HandlerWait, claim: Claim) -> Sentences:
     """A lock that a handler waits for, and has."""
-    claim = at.run.claims[wait.awaited]
-    known = parts_of_claim(at.run, wait, claim) if claim.granted != wait.start else []
-    for parts in _briefly(known, at.moment):
-        what = of_claim(RunAt(at.run, parts[0].start), claim, parts[0].by)
-        yield _kept_busy("its handler waits", f"the {claim}", what, parts)
+    if claim.granted != wait.start:
+        until = at.moment if wait.start <= at.moment else inf
+        parts = parts_of_claim(at.run, wait, claim)
+        told = cut_by_cause(at.run, parts, partial(of_claim, claim=claim), until)
+        yield _lasting(wait.start, wait.until, f"its handler waits {told}")
     if claim.granted is not None:
         yield _lasting(claim.granted, claim.until, f"its handler has the {claim}")
 
@@ -392,44 +339,20 @@ def _failure_told(query: Message, moment: float) -> str:
 def _questions(at: RunAt, handling: Handling) -> Sentences:
     """The queries for whose replies it did not wait, or later."""
     first = {wait.awaited: wait for wait in reversed(handling.waits)}
-    later: list[_Asked] = []
     for query in handling.asked or ():
-        fetched = first.get(query.id)
+        text, fetched = f"its handler asked {query}, and goes on", first.get(query.id)
         if fetched is not None and fetched.start <= max(at.moment, query.received):
             if fetched.start > query.received:
-                what = WaitFor(WaitKind.REPLY, query.id, str(query))
-                later.append(_Asked(what, query.received, fetched.start))
+                yield _lasting(query.received, fetched.start, text)
             continue
         end = query.answered
         if end is None:
             end = query.written("dropped") if query.dropped else inf
-        text, ending = f"its handler asked {query}, and goes on", ""
         now = of_query(at, query)
         if query.received <= at.moment < end and now.because:
             text += f"; {whereabouts(now)}"
-        if end < inf and (failure := _failure_told(query, end)):
-            ending = f"; it fails: {failure}"
-        yield _lasting(query.received, end, text, ending)
-    for some in _together(later):
-        names = listed([one.what.name for one in some])
-        yield _in_all(some, f"its handler asked {names}, and goes on")
-
-
-def _in_all(some: list[_Asked], text: str) -> Sentence:
-    return _lasting(some[0].start, max(one.end for one in some), text)
-
-
-def _together(asked: list[_Asked]) -> Iterator[list[_Asked]]:
-    """One after the other; many that had begun before one of them was over are told together."""
-    groups, end = list[list[_Asked]](), -inf
-    for one in asked:
-        if one.start >= end:
-            groups.append([])
-            end = inf
-        groups[-1].append(one)
-        end = min(end, one.end)
-    for group in groups:
-        yield from [group] if len(group) > _MANY else [[one] for one in group]
+        failure = _failure_told(query, end) if end < inf else ""
+        yield _lasting(query.received, end, text, f"; it fails: {failure}" if failure else "")
 
 
 # --- states ----------------------------------------------------------------------------------------------------------
@@ -480,9 +403,6 @@ def _of_group(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sen
     start, end = waits[0].start, max(ends)
     however = state is TaskState.ENDING or task.is_retried
     text = f"{state}, {several_in_words(told(RunAt(at.run, start), waits, however=however))}"
-    left = sum(one > at.moment for one in ends)
-    if start <= at.moment < end and left < len(ends):
-        text += f", {left} of them still to come"
     return _lasting(start, end, text, _in_vain(at.run, task, waits, end))
 
 

@@ -4,14 +4,15 @@ Here a ``Wait`` becomes a ``WaitFor``; the words of that are in tca_wire/text/wa
 clauses of what a task waits for now, ``in_the_end`` is what they lead to, ``coming`` what is to happen to it.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from math import inf
 from typing import NamedTuple
 
 from msgspec.structs import replace
 
 from tca_tools.explain.ends import End, Ends
 from tca_tools.explain.graph import keepers_of, next_node, steps, waits_now
-from tca_tools.explain.keepers import Keepers, kept_out
+from tca_tools.explain.keepers import Keepers, WaitPart, kept_out
 from tca_tools.explain.wait import Wait
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.records import (
@@ -26,10 +27,11 @@ from tca_tools.journal.records import (
     Suspension,
     TaskState,
 )
+from tca_tools.journal.whole_run import Run
 from tca_wire.points import ROOT, describe_moments
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import counted, duration, listed, run_time
-from tca_wire.text.waits_in_words import clauses, not_answered, reached, suspended_by
+from tca_wire.text.waits_in_words import causes_in_words, clauses, not_answered, reached, suspended_by
 from tca_wire.vocabulary import Scope
 from tca_wire.waits import NAMED, WaitFor, WaitKind, first_ones
 from tca_wire.waits.ends import MOST
@@ -73,13 +75,13 @@ def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
     """One wait with names, and with what keeps a resource or a query busy at that moment."""
     number, kind, record = wait.on.number, wait.kind, wait.record
     if isinstance(record, Queueing):
-        return of_queueing(at, record, keepers_of(at, wait))
+        return of_queueing(at, keepers_of(at, wait), record)
     if isinstance(record, Hold):
         return _of_constraint(at, kind, record)
     if kind is WaitKind.REPLY and number in at.run.messages:
         return of_query(at, at.run.messages[number])
     if kind is WaitKind.LOCK:
-        return of_claim(at, at.run.claims[number], keepers_of(at, wait))
+        return of_claim(at, keepers_of(at, wait), at.run.claims[number])
     if kind is WaitKind.CONDITION:
         return _of_condition(at, number)
     moment = 0 if however and kind is WaitKind.SUBTASK else wait.on.moment
@@ -88,7 +90,8 @@ def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
         number, name, moment = 0, "", 0
     elif not name:
         name = at.run.name(number)
-    return WaitFor(kind, number, name, moment)
+    by, since_birth = (record.by, record.since_birth) if isinstance(record, Suspension) else ("", False)
+    return WaitFor(kind, number, name, moment, by, since_birth=since_birth)
 
 
 def _of_constraint(at: RunAt, kind: WaitKind, hold: Hold) -> WaitFor:
@@ -126,17 +129,17 @@ def of_query(at: RunAt, query: Message) -> WaitFor:
     where = [WaitFor(WaitKind.RUNNING, module=run.module, resource=run.resource) for run in runs]
     for one in queueings:
         by = kept_out(at, one.module, one.resource, query) if one.module else Keepers()
-        where.append(of_queueing(at, one, by))
+        where.append(of_queueing(at, by, one))
     return replace(reply, answered=answered, because=tuple(where))
 
 
-def of_claim(at: RunAt, claim: Claim, by: Keepers) -> WaitFor:
+def of_claim(at: RunAt, by: Keepers, claim: Claim) -> WaitFor:
     """A lock or reservation that is waited for."""
     because = _because(at, by)
     return WaitFor(WaitKind.LOCK, claim.id, _called(claim), 0, claim.module, claim.resource, because=because)
 
 
-def of_queueing(at: RunAt, queueing: Queueing, by: Keepers) -> WaitFor:
+def of_queueing(at: RunAt, by: Keepers, queueing: Queueing) -> WaitFor:
     """A stay in a queue, with what keeps the resource busy."""
     module, resource, because = queueing.module, queueing.resource, _because(at, by)
     if not module:
@@ -144,6 +147,15 @@ def of_queueing(at: RunAt, queueing: Queueing, by: Keepers) -> WaitFor:
     if not because and not at.capacity(module, resource):
         because = (WaitFor(WaitKind.HANDLER),)
     return WaitFor(WaitKind.RESOURCE, module=module, resource=resource, because=because)
+
+
+def cut_by_cause(
+    run: Run, parts: Iterable[WaitPart], made: Callable[[RunAt, Keepers], WaitFor], until: float = inf
+) -> str:
+    """A wait in words, with each cause that it had by then, and how long: *made* makes a part of it of its cause."""
+    known = [(made(RunAt(run, start), by), min(end, until, run.time) - start)
+             for start, end, by in parts if start <= until]  # fmt: skip
+    return causes_in_words(known)
 
 
 def _because(at: RunAt, by: Keepers) -> tuple[WaitFor, ...]:
@@ -202,23 +214,13 @@ def asked(at: RunAt, task: TaskAt) -> list[WaitFor]:
 
 
 def how(task: TaskAt, verb: str = "waits") -> str:
-    """The words before the reasons of a task: "waits", "suspended by operator panel,", "watches"."""
-    if task.watches and task.state is not TaskState.ENDING:
-        return "watches"
-    if is_told_with_state(task) and task.suspension:
-        return f"{suspended(task.suspension)},"
-    return verb
+    """The words before the reasons of a task: "waits", "watches"."""
+    return "watches" if task.watches and task.state is not TaskState.ENDING else verb
 
 
 def suspended(one: Suspension) -> str:
     """``suspended by panel``."""
     return suspended_by(one.by, since_birth=one.since_birth)
-
-
-def is_told_with_state(task: TaskAt) -> bool:
-    """Whether it is suspended, and known by whom: that is told with what it waits for."""
-    suspension = task.suspension if task.state is TaskState.SUSPENDED else None
-    return suspension is not None and bool(by_whom(suspension.by))
 
 
 def age_of(waits: list[Wait]) -> Age | None:
@@ -238,33 +240,13 @@ class Last(NamedTuple):
     number: int
     which: str
     """Why it waits for nothing else, behind its name: "no module handles", "is suspended"."""
-    that: str
-    """*which* as a sentence of its own: "no module handles that", "that is suspended"."""
     more: int
     """How many others there are."""
 
     def __str__(self) -> str:
-        return self._and_others(f"for {self.thing}, which {self.which}")
-
-    @property
-    def brief(self) -> str:
-        """Without why."""
-        return self._and_others(f"for {self.thing}")
-
-    @property
-    def behind(self) -> str:
-        """The words behind its name: ``no module handles that; in the end also for 2 others``."""
-        return f"{self.that}; in the end also {self.others}" if self.more else self.that
-
-    @property
-    def others(self) -> str:
-        """``for 2 others``; "" if there are none."""
-        if self.more >= MOST:
-            return f"for {MOST} or more others"
-        return f"for {counted(self.more, 'other')}" if self.more else ""
-
-    def _and_others(self, first: str) -> str:
-        return f"{first}, and {self.others}" if self.more else first
+        at_least = "at least " * (self.more >= MOST)
+        others = f", and for {at_least}{counted(min(self.more, MOST), 'other')}" if self.more else ""
+        return f"for {self.thing}, which {self.which}{others}"
 
 
 def in_the_end(at: RunAt, task: TaskAt, within: int | None = None) -> Last | None:
@@ -303,40 +285,35 @@ def _is_plain(at: RunAt, task: TaskAt, end: End) -> bool:
 
 def last_of(at: RunAt, end: End, more: int = 0) -> Last:
     """One end in words, and how many more there are."""
-    claim, query = at.run.claims.get(end.number), at.run.messages.get(end.number)
-    thing, which = at.describe(end.number), ""
-    run = at.handling_of(query) if query and end.kind is WaitKind.RUNNING else None
-    if query and query.message_class.asks_many and end.kind is not WaitKind.CIRCLE:
-        asked_of = of_query(at, query)
-        which = not_answered(asked_of) if asked_of.because else "has not been answered"
-        return Last(thing, end.number, which, which, more)
+    claim = at.run.claims.get(end.number)
     if claim:
-        thing = f"the {claim}"
-        which = f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}"
-    elif run:
-        which = f"{place(run.module, run.resource)} handles"
-    elif end.kind is WaitKind.HANDLER:
-        which = "no module handles"
-    if which:
-        return Last(thing, end.number, which, f"{which} that", more)
-    which = _why_last(at, end)
-    return Last(thing, end.number, which, f"that {which}", more)
+        return Last(
+            f"the {claim}", end.number, f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}", more
+        )
+    query, task = at.run.messages.get(end.number), at.tasks.get(end.number)
+    which = _why_last(at, end, query) if query else ""
+    which = which or (_why_standing(at, end, task) if task else "has not been answered")
+    return Last(at.describe(end.number), end.number, which, more)
 
 
-def _why_last(at: RunAt, end: End) -> str:
-    task = at.tasks.get(end.number)
+def _why_last(at: RunAt, end: End, query: Message) -> str:
+    """Why a message that is in no other's way goes no further: where it is; "" if that is not known."""
     if end.kind is WaitKind.CIRCLE:
         others = (one for one in Ends.at(at).members(end) if one != end.number)
         return f"waits for itself by way of {listed([*map(at.describe, others)])}"
-    if task is None:
-        return "has not been answered"
+    if query.message_class.asks_many:
+        asked_of = of_query(at, query)
+        return not_answered(asked_of) if asked_of.because else ""
+    run = at.handling_of(query) if end.kind is WaitKind.RUNNING else None
+    if run:
+        return f"{place(run.module, run.resource)} handles"
+    return "no module handles" if end.kind is WaitKind.HANDLER else ""
+
+
+def _why_standing(at: RunAt, end: End, task: TaskAt) -> str:
     if end.kind is WaitKind.RESUME and task.suspension:
         return f"is {suspended(task.suspension)}"
-    found: list[str] = []
-    if end.kind is WaitKind.DELAY:
-        delays = [one for one in waits_now(at, task.id) if one.kind is WaitKind.DELAY]
-        found = clauses(told(at, delays))
-    found = found or reasons(at, task)
+    found = reasons(at, task)
     return f"{how(task)} {', and '.join(found)}" if found else f"is {task.standing}"
 
 

@@ -44,9 +44,7 @@ def growth_lines(recording: Recording, start: float, width: int | None) -> Itera
         if width is not None:
             called = cut(called, max(width - len(start_of_line) - _SHORTEST_STATE, _SHORTEST_NAME))
         line = cut(f"{start_of_line}{called}: ", width)
-        said = note.within(None, at.time)
-        if not note.says_state:
-            said = ", ".join(filter(None, (state, said)))
+        said = ", ".join(filter(None, (state, note.within(None, at.time))))
         rest = cut(said, None if width is None else width - columns_of(line))
         state_in_colour = click.style(rest[: len(state)], fg=COLOURS[state])
         yield line + state_in_colour + rest[len(state) :]

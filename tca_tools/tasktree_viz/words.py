@@ -13,7 +13,6 @@ from tca_tools.explain.wait_words import (
     coming,
     how,
     in_the_end,
-    is_told_with_state,
     shown,
     told_now,
 )
@@ -22,24 +21,20 @@ from tca_tools.journal.fates import STANDINGS
 from tca_tools.journal.records import OVER, TaskState
 from tca_tools.journal.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
-from tca_tools.terminal import columns_of, cut, cut_name
+from tca_tools.terminal import columns_of, cut
 from tca_wire.points import Edge, Interval, moment_of
 from tca_wire.text.bodies import data_text, plain_data
 from tca_wire.text.facts_in_words import by_whom
 from tca_wire.text.measures import counted, duration
 from tca_wire.text.printable import printable
 from tca_wire.text.waits_in_words import several_in_words
-from tca_wire.waits import WaitFor, WaitKind
+from tca_wire.waits import WaitFor
 
 _LONGEST_FAILURE = 200
 _LONGEST_PROGRESS = 40
 """Columns of an intermediate result."""
-_LEAST_TEXT = 28
-"""Columns of a cause that stay, if what it leads to is said behind it."""
 _SHORTEST = 0.0005
 """Seconds: of a wait that has just begun nothing is said."""
-_UNITS = ("s", "ms", "µs", "min", "h")
-_STUCK = "\N{NO-BREAK SPACE}"
 
 
 FOLDED_UP = (
@@ -49,14 +44,8 @@ FOLDED_UP = (
 
 
 def lines_of(text: str, columns: int, most: int) -> list[str]:
-    """A text of a picture in a few lines; a number stays with its unit."""
-    stuck = before = ""
-    for word in text.split(" "):
-        is_unit = word.rstrip(",;.)") in _UNITS and before[-1:].isdigit()
-        stuck += (_STUCK if is_unit else " ") + word
-        before = word
-    lines = wrap(stuck[1:], columns, max_lines=most, placeholder="…")
-    return [line.replace(_STUCK, " ") for line in lines]
+    """A text of a picture in a few lines."""
+    return wrap(text, columns, max_lines=most, placeholder="…")
 
 
 def _joined(between: str, *parts: str) -> str:
@@ -95,55 +84,21 @@ class TaskNote(NamedTuple):
     """Since when that keeps it waiting, and since when it waits in all."""
     last: Last | None = None
     """The last thing it waits for, if that says more."""
-    is_named: bool = False
-    """Whether the text names that already: then it is told only why it waits for nothing else."""
-    says_state: bool = False
-    """Whether the text begins with the task's state."""
     waits: Sequence[WaitFor] = ()
     """The waits that the text names, as data."""
 
     @property
     def end(self) -> str:
-        """``in the end for calibrate {3}, which no module handles``; or ``no module handles that``."""
-        if self.last and self.is_named:
-            return printable(self.last.behind)
-        return self.alone
-
-    @property
-    def alone(self) -> str:
-        """The end with its name."""
+        """``in the end for calibrate {3}, which no module handles``."""
         return printable(f"in the end {self.last}") if self.last else ""
 
     def within(self, room: int | None, time: float) -> str:
-        """As much of it at a *time* as there is room for. For how long it waits for this gives way first, then why the
-        end stands, for how long it waits in all, what follows the cause in the text, and the end. The cause stays.
-        """
-        last, text = self.last, self.text
-        if not text:
-            return _end_within(last, room) if last else ""
-        brief = f"{text}{lasting(self.age, time, brief=True)}"
-        briefly = self.end
-        if last and not self.is_named:
-            briefly = printable(f"in the end {last.brief}")
-        told = [(f"{text}{lasting(self.age, time)}", self.end), (brief, briefly), (text, briefly)]
-        if room is not None and briefly:
-            left = room - columns_of(f"; {briefly}")
-            if left >= _LEAST_TEXT:
-                told.append((cut(text, left), briefly))
-        made = [_joined("; ", *one) for one in told]
-        return next((one for one in [*made, brief, text] if _fits(one, room)), cut(text, room))
-
-
-def _end_within(last: Last, room: int | None) -> str:
-    """As much of the end as there is room for."""
-    ends = (f"in the end {last}", f"in the end {last.brief}", f"for {last.thing}")
-    made = [printable(one) for one in ends]
-    shortest = cut_name(made[-1], last.number, room or 0)
-    return next((one for one in made if _fits(one, room)), shortest)
-
-
-def _fits(text: str, room: int | None) -> bool:
-    return room is None or columns_of(text) <= room
+        """As much of it at a *time* as there is room for; for how long it waits gives way first."""
+        lasted = lasting(self.age, time) if self.text else ""
+        whole = _joined("; ", self.text + lasted, self.end)
+        if room is None or columns_of(whole) <= room:
+            return whole
+        return cut(_joined("; ", self.text, self.end), room)
 
 
 def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:
@@ -162,13 +117,11 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
     last = in_the_end(at, task, within)
     waits = shown(at, task, with_children=False) or (shown(at, task) if last else [])
     told = told_now(at, task, waits)
-    is_named = last is not None and len(told) == 1 and told[0].number == last.number and told[0].kind in _OF_TASKS
     failed = failure_line(task.failure)
     if task.state is TaskState.ENDING and not failed:
         failed = _joined(": ", "killed", _why_killed(at, task))
     text, age = "; ".join(coming(at, task)), age_of(waits)
     said = _joined("; ", failed, _life(task))
-    says_state = not said and bool(waits) and is_told_with_state(task)
     if waits:
         ahead = coming(at, task) if task.state is not TaskState.ENDING else []
         text = f"{how(task, verb)} {several_in_words(told)}".lstrip() + (f" ({'; '.join(ahead)})" if ahead else "")
@@ -181,7 +134,7 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
         age = Age(since, since)
         text = f"goes on while it waits {several_in_words(queries)}"
     text = _joined("; ", said, printable(text))
-    return TaskNote(text, age, last, is_named, says_state, told)
+    return TaskNote(text, age, last, told)
 
 
 def _life(task: TaskAt) -> str:
@@ -207,14 +160,11 @@ def _in_brief(progress: bytes) -> str:
     return ", ".join([text, *(f"{name} {value}" for name, value in numbers)])
 
 
-_OF_TASKS = (WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.SUBTASK, WaitKind.TASK, WaitKind.LISTENER)
-
-
 def with_state(at: RunAt, task: TaskAt, note: TaskNote) -> str:
     """A note behind the task's state: ``held, waits until ...``, ``failed: slip``."""
     told = note.within(None, at.time)
-    if not told or note.says_state:
-        return told or task.standing
+    if not told:
+        return task.standing
     if task.state in (TaskState.RESOLVED, TaskState.FAILED, TaskState.KILLED, TaskState.ENDING):
         return f"{task.standing}: {told}"
     says_how = task.failure and task.state is not TaskState.RECOVERING
@@ -229,16 +179,13 @@ def _why_killed(at: RunAt, task: TaskAt) -> str:
     return printable(task.why_killed or "")
 
 
-def lasting(its_age: Age | None, time: float, *, brief: bool = False) -> str:
-    """``, for 3.4 s`` and, if it waited for something else before, `` (8 s in all)``; *brief*: ``, for 8 s in all``."""
+def lasting(its_age: Age | None, time: float) -> str:
+    """``, for 3.4 s`` and, if it waited for something else before, `` (8 s in all)``."""
     if its_age is None or time - its_age.begun < _SHORTEST:
         return ""
     since, begun = its_age
-    for_this = f", for {duration(time - since)}" if time - since >= _SHORTEST else ""
-    if since - begun < _SHORTEST:
-        return for_this
-    in_all = f"{duration(time - begun)} in all"
-    return f", for {in_all}" if brief else f"{for_this} ({in_all})"
+    in_all = f" ({duration(time - begun)} in all)" if since - begun >= _SHORTEST else ""
+    return f", for {duration(time - since)}{in_all}"
 
 
 def failure_line(text: str) -> str:

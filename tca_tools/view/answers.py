@@ -26,7 +26,7 @@ from tca_wire.points import Interval, TaskId, describe_moments
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import Wording, subject_of
 from tca_wire.text.measures import counted, duration, run_time
-from tca_wire.text.printable import printable, printable_lines
+from tca_wire.text.printable import printable_lines
 from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.waits import WaitFor
 
@@ -143,7 +143,7 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
         "isSuspended": task.suspension is not None,
         "waits": told,
         "start": age.begun if age else None,
-        "end": note.alone,
+        "end": note.end,
         "ahead": coming(at, task),
         "killed": None if why is None else printable_lines(why),
         "spans": {interval.name.lower(): span(task, interval) for interval in Interval},
@@ -183,7 +183,7 @@ def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, D
 
 
 def _note(at: RunAt, task: TaskAt) -> Data:
-    """Its parts, the end also in less room; and what it names, since it holds until one of these ends."""
+    """Its parts; and what it names, since it holds until one of these ends."""
     note = note_of(at, task, verb="")
     text, failure = note.text, printable_lines(task.failure[:_LONGEST_FAILURE])
     whole = [text, failure]
@@ -192,12 +192,9 @@ def _note(at: RunAt, task: TaskAt) -> Data:
         if task.failure and not task.failure.words and (data := data_text(task.failure_data)):
             text += f" {data[:_LONGEST_DATA]}"  # it is all that was said of it
         whole = [failure or text]
-    brief = printable(note.last.brief) if note.last and not note.is_named else ""
     return {
         "text": text,
         "end": note.end,
-        "brief": f"in the end {brief}" if brief else "",
-        "alone": brief,
         "whole": "\n\n".join(filter(None, (*whole, note.end))),
         "names": list(_numbers(note.waits)),
         "last": note.last.number if note.last else 0,

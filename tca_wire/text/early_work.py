@@ -18,18 +18,17 @@ class WhyNotEarly(NamedTuple):
         return "; ".join(filter(None, self))
 
 
-_EARLY = "{state} did not start early: "
 _TOLD: dict[Reason, str] = {
     Reason.STEADY: "nothing is foreseen beyond {state}",
-    Reason.NOT_FORESEEN: _EARLY + "it is not foreseen any more",
-    Reason.REPEATED: _EARLY + "it comes twice",
-    Reason.NEEDS: _EARLY + "{name} is not yet as it needs it",
-    Reason.CONFLICT: _EARLY + "{other} comes first, and shares {name} with it",
-    Reason.BRANCH: _EARLY + "{other}, or what follows, may need {name} as it was",
-    Reason.AGENT: _EARLY + "agent {name} has no place left",
-    Reason.UTILITY: _EARLY + "its utility is too small, by the progress of {other}",
-    Reason.MISTAKE: _EARLY + "its cost or the policy failed, as the log says",
-    Reason.FAILED: _EARLY + "it has failed early",
+    Reason.NOT_FORESEEN: "it is not foreseen any more",
+    Reason.REPEATED: "it comes twice",
+    Reason.NEEDS: "{name} is not as it needs it",
+    Reason.CONFLICT: "{other} comes first, and shares {name} with it",
+    Reason.BRANCH: "{other}, or what follows, may need {name} as it was",
+    Reason.AGENT: "agent {name} has no place left",
+    Reason.UTILITY: "its utility is too small, by the progress of {other}",
+    Reason.MISTAKE: "its cost or the policy failed, as the log says",
+    Reason.FAILED: "it has failed early",
 }
 _REMEDIES: dict[Reason, str] = {
     Reason.STEADY: "give its arrows known likelihoods, together more than 0.5",
@@ -40,10 +39,22 @@ _REMEDIES: dict[Reason, str] = {
 
 def why_not_early(chart: MachineChart, one: Objection) -> WhyNotEarly:
     """An objection of a report, with the labels of its machine."""
+    told, remedy = _filled(chart, one, _TOLD[one.reason]), _REMEDIES.get(one.reason, "")
+    if one.reason is not Reason.STEADY:
+        told = _filled(chart, one, "{state} did not start early: ") + told
+    return WhyNotEarly(told, _filled(chart, one, remedy))
+
+
+def why_stopped(chart: MachineChart, one: Objection) -> str:
+    """An objection to an activity that has started early: ``'reach': it has failed early``."""
+    return _filled(chart, one, "{state}: " + _TOLD[one.reason])
+
+
+def _filled(chart: MachineChart, one: Objection, phrase: str) -> str:
     label = {number: f"'{state.label}'" for number, state in enumerate(chart.states)}
-    words = {"state": label.get(one.state, "?"), "other": label.get(one.other, "?"), "name": f"'{one.name or 'all'}'"}
-    told, remedy = _TOLD[one.reason], _REMEDIES.get(one.reason, "")
-    return WhyNotEarly(told.format(**words), remedy.format(**words))
+    return phrase.format(
+        state=label.get(one.state, "?"), other=label.get(one.other, "?"), name=f"'{one.name or 'all'}'"
+    )
 
 
 def came_late(before: CoordinationReport, now: CoordinationReport) -> list[Objection]:

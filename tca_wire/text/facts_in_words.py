@@ -1,13 +1,16 @@
 """The facts of a journal in words, one line each. Remembers the names of messages, and nothing else."""
 
+import re
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import cache
 from typing import Any
 
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Cause, ConnectionLost, Keeper, TimeOver
 from tca_wire.points import ROOT, Point, describe_moments
+from tca_wire.text.measures import duration
 from tca_wire.vocabulary import CENTRAL, Due, Scope
 from tca_wire.waits import WaitKind
 
@@ -28,8 +31,27 @@ class Wording:
             self._names[fact.id] = fact.message
         elif isinstance(fact, facts.Delivered | facts.Queued):
             self._names.setdefault(fact.id, self._names.get(fact.message_id) or self._known(fact.message_id))
-        say = _SAY.get(type(fact))
-        return say(self, fact) if say else self.name(getattr(fact, fact.__struct_fields__[0]))
+        elif isinstance(fact, facts.Claimed):
+            kind = "reservation" if fact.is_reserved else "lock"
+            self._names[fact.id] = f"{kind} of {place(fact.module, fact.resource)}"
+        phrase = PHRASES.get(type(fact)) or f"{{{fact.__struct_fields__[0]}:name}}"
+        return self.filled(phrase, fact)
+
+    def filled(self, phrase: str, record: Any) -> str:
+        """A phrase with the fields of a record; its parts are explained at ``PHRASES``."""
+        return "".join(self._part(record, *part) for part in _parts(phrase))
+
+    def _part(self, record: Any, flag: str, text: str, certain: str) -> str:
+        """A part of a phrase, filled in; "" for an optional part without values."""
+        if flag:
+            text = text.partition("|")[0 if getattr(record, flag) else 2]
+        words, *fields = _pieces(text or certain)
+        for name, form, behind in zip(fields[::3], fields[1::3], fields[2::3], strict=True):
+            value = getattr(record, name)
+            if not (value or flag or certain):
+                return ""
+            words += _FORMS[form](self, record, value) + behind
+        return words
 
     def cause(self, cause: Cause) -> str:
         """The cause of an entry: ``Kill by user, in the handler of walk {1}``."""
@@ -50,187 +72,131 @@ class Wording:
         """A point: ``end handling of walk {1}``."""
         return f"{_moments(point.moment)} of {self.name(point.task)}"
 
-    def before(self, constraint: Constraint) -> str:
-        """The point and delay that a constraint waits for: ``end handling of walk {1} + 2 s``, or the delay alone."""
-        if constraint.before.task == ROOT:
-            return _seconds(constraint.delay)
-        return self.point(constraint.before) + (f" + {_seconds(constraint.delay)}" if constraint.delay else "")
-
-    def claim(self, fact: facts.Claimed) -> str:
-        """The lock or reservation and its claimant; its id has that name from now on."""
-        kind = "reservation" if fact.is_reserved else "lock"
-        self._names[fact.id] = f"{kind} of {place(fact.module, fact.resource)}"
-        return f"{self.name(fact.id)} by {self.sender(fact.sender, fact.origin)}"
-
-    def sender(self, module: str, origin: int) -> str:
-        """A module and, if one asks, the handler: ``legs in walk {1}``."""
-        return f"{module} in {self.name(origin)}" if origin else module
+    def constraint(self, constraint: Constraint) -> str:
+        """``end handling of walk {1} + 2 s before start handling of grip {2}``; or the delay alone before it."""
+        before, delay = constraint.before, _seconds(constraint.delay) if constraint.delay else ""
+        parts = [delay] if before.task == ROOT else [self.point(before), *filter(None, [delay])]
+        return f"{' + '.join(parts)} before {self.point(constraint.after)}"
 
 
-# --- facts of several parts -------------------------------------------------------------------------------------------
+ATTACHMENT = "{handler} for [failure?{failure}|any failure][ (at most {maximum} times)]"
 
-
-def _restarted(_: Wording, fact: facts.CentralRestarted) -> str:
-    until = "somebody says so" if fact.hold else "all are back or lost"
-    lost = f"; the last inputs may be missing, {fact.aside} entries were put aside" if fact.may_lack else ""
-    return f"away for {_seconds(fact.away)}, {fact.awaited} connections awaited; no task starts until {until}{lost}"
-
-
-def _opened(_: Wording, fact: facts.Opened) -> str:
-    try:
-        began = f"{datetime.fromtimestamp(fact.began, UTC):%Y-%m-%d %H:%M:%S} UTC"
-    except (ValueError, OverflowError, OSError):
-        began = "at no known time"
-    return f"segment {fact.segment} of {fact.epoch}, by central {fact.central}, began {began}"
-
-
-def _received(say: Wording, fact: facts.Received) -> str:
-    words = f"{fact.message_class} {say.name(fact.id)} from {fact.sender}"
-    if fact.parent:
-        words += f" under {say.name(fact.parent)}"
-    elif fact.origin:
-        words += f" in {say.name(fact.origin)}"
-    words += ", which waits" if fact.blocking else ""
-    words += f", {fact.role} for {say.name(fact.about)}" if fact.role else ""
-    return "; ".join([words, *(f"{_moments(c.after.moment)} after {say.before(c)}" for c in fact.constraints)])
-
-
-def _delivered(say: Wording, fact: facts.Delivered) -> str:
-    copy = f" of message {{{fact.message_id}}}" if fact.id != fact.message_id else ""
-    slot = f", slot {fact.slot}" if fact.slot > 1 else ""
-    nested = ", while another message waits there" * fact.is_nested
-    where = f"{place(fact.module, fact.resource)}{slot}{nested}"
-    return f"{say.name(fact.id)}{copy} to {where}{_priority(fact.priority)}"
-
-
-def _handled_directly(say: Wording, fact: facts.HandledDirectly) -> str:
-    words = f"{fact.message} from {fact.sender} to {place(fact.module, fact.resource)}"
-    words += f" in {say.name(fact.origin)}" if fact.origin else ""
-    return f"{words}, {fact.size} bytes, {fact.seconds:.6f} s: {fact.outcome}{_after_colon(fact.failure)}"
-
-
-def _attached(say: Wording, fact: facts.Attached) -> str:
-    at = f"all {fact.message}" if fact.message else say.name(fact.task) if fact.task else "all tasks"
-    most = f", at most {fact.maximum} times" if fact.maximum else ""
-    return f"{{{fact.id}}} {fact.handler} for {fact.failure or 'any failure'} of {at}{most}"
-
-
-def _kept(say: Wording, fact: facts.Kept | facts.Released) -> str:
-    return f"{say.name(fact.task)}{f' by {fact.module}' if fact.module else ': its record is gone'}"
-
-
-def _kill_planned(say: Wording, fact: facts.KillPlanned) -> str:
-    what = f"{fact.scope} of {say.name(fact.task)}" if fact.scope is not Scope.TASK else say.name(fact.task)
-    after = f" after {say.point(fact.after)}" if fact.after is not None else ""
-    delay = f" in {_seconds(fact.seconds)}" if fact.seconds else ""
-    return f"{what}{delay}{after}: {kill_reason(fact.why, fact.by)}"
-
-
-def _tap(say: Wording, fact: facts.TapAdded) -> str:
-    at = say.name(fact.task) if fact.task else f"all {fact.message}"
-    return f"{{{fact.id}}} {fact.listener} {fact.condition} of {at}{by_whom(fact.by)}"
-
-
-def _unhandled(say: Wording, fact: facts.Unhandled) -> str:
-    undecided = f", so {say.name(fact.undecided)} could not decide" if fact.undecided else ""
-    return say.name(fact.task) + undecided
-
-
-def _timed_out(say: Wording, fact: facts.TimedOut) -> str:
-    before, after = fact.constraint.before, say.point(fact.constraint.after)
-    since = "" if before.task == ROOT else f" after {say.point(before)},"
-    return f"{_seconds(fact.constraint.delay)}{since} before {after}"
-
-
-_SAY: dict[type, Callable[[Wording, Any], str]] = {
-    facts.Opened: _opened,
-    facts.Closed: lambda _, fact: fact.why,
-    facts.CentralFailed: lambda _, fact: fact.why,
-    facts.CentralRestarted: _restarted,
-    facts.Shortened: lambda _, fact: f"what had ended by {fact.until:.3f} s was removed ('tca log prune')",
-    facts.DiskSpace: lambda _, fact: f"the disk of the journal {'is nearly full' if fact.is_low else 'has room again'}",
-    facts.WentOn: lambda _, fact: f"tasks start again{by_whom(fact.by) if fact.by else ''}",
-    facts.ModuleJoined: lambda _, fact: ", ".join(filter(None, (fact.module, fact.process, fact.principal))),
-    facts.KeysChanged: lambda _, fact: "; ".join(
-        f"{what} {', '.join(names)}" for what, names in (("allowed", fact.allowed), ("revoked", fact.revoked)) if names
+PHRASES: dict[type, str] = {
+    facts.Opened: "segment {segment} of {epoch}, by central {central}, began {began:date}",
+    facts.Closed: "{why}",
+    facts.CentralFailed: "{why}",
+    facts.CentralRestarted: (
+        "away for {away:seconds}, {awaited} connections awaited; no task starts until "
+        "[hold?somebody says so|all are back or lost]"
+        "[may_lack?; the last inputs may be missing, {aside} entries were put aside]"
     ),
-    facts.ModuleLeft: lambda _, fact: f"{fact.module}: {fact.why}",
-    facts.PermissionsChanged: lambda _, fact: (
-        f"{fact.rules} rule{'s' * (fact.rules != 1)} of {fact.source}"
-        if fact.rules >= 0
-        else "whoever gets in may do everything"
+    facts.Shortened: "what had ended by {until:seconds} was removed ('tca log prune')",
+    facts.DiskSpace: "the disk of the journal [is_low?is nearly full|has room again]",
+    facts.WentOn: "tasks start again{by:by}",
+    facts.ModuleJoined: "{module}[, {process}][, {principal}]",
+    facts.KeysChanged: "[allowed: {allowed:list} ][revoked: {revoked:list}]",
+    facts.ModuleLeft: "{module}: {why}",
+    facts.PermissionsChanged: "[source?{rules} rules of {source}|whoever gets in may do everything]",
+    facts.ResourceChanged: "{module:place} takes {capacity} at a time",
+    facts.Recalling: "{module:place} [is_over?has said|is asked] what it has not begun",
+    facts.FormatDefined: "{message_class} {message}, declared by {module}",
+    facts.HandlerAdded: "{module:place} handles {message}",
+    facts.HandlerRemoved: "{module} handles {message} no longer",
+    facts.RequestRefused: "{sender}: {refusal}: {text}",
+    facts.Ignored: "{sender}: {text}",
+    facts.Received: (
+        "{message_class} {id:name} from {sender}[ under {parent:name}][parent?|{origin:in}][blocking?, which waits]"
+        "[, {role} for {about:name}][; {constraints:constraints}]"
     ),
-    facts.ResourceChanged: lambda _, fact: f"{place(fact.module, fact.resource)} takes {fact.capacity} at a time",
-    facts.Recalling: lambda _, fact: (
-        f"{place(fact.module, fact.resource)} {'has said' if fact.is_over else 'is asked'} what it has not begun"
+    facts.Queued: "{message_id:name} for [module?{module:place}|a handler][, priority {priority}]",
+    facts.Delivered: (
+        "{id:name}{message_id:original} to {module:place}{slot:slot}"
+        "[is_nested?, while another message waits there][, priority {priority}]"
     ),
-    facts.FormatDefined: lambda _, fact: f"{fact.message_class} {fact.message}, declared by {fact.module}",
-    facts.HandlerAdded: lambda _, fact: f"{place(fact.module, fact.resource)} handles {fact.message}",
-    facts.HandlerRemoved: lambda _, fact: f"{fact.module} handles {fact.message} no longer",
-    facts.RequestRefused: lambda _, fact: f"{fact.sender}: {fact.refusal}: {fact.text}",
-    facts.Ignored: lambda _, fact: f"{fact.sender}: {fact.text}",
-    facts.Received: _received,
-    facts.Queued: lambda say, fact: (
-        f"{say.name(fact.message_id)} for {place(fact.module, fact.resource) or 'a handler'}{_priority(fact.priority)}"
+    facts.Returned: "{id:name}: {outcome}",
+    facts.Dropped: "{message} {id:number}[ of message {copy_of:number}]: {why}[: {where}]",
+    facts.HandledDirectly: (
+        "{message} from {sender} to {module:place}{origin:in}, {size} bytes, {seconds:duration}: {outcome}[: {failure}]"
     ),
-    facts.Delivered: _delivered,
-    facts.Returned: lambda say, fact: f"{say.name(fact.id)}: {fact.outcome}",
-    facts.Dropped: lambda _, fact: (
-        f"{fact.message} {{{fact.id}}}{_copy_of(fact)}: {fact.why}{_after_colon(fact.where)}"
-    ),
-    facts.HandledDirectly: _handled_directly,
-    facts.LostDirectly: lambda _, fact: (
-        f"{fact.module}: {fact.number} of {fact.message or 'the notes of direct messages'}"
-    ),
-    facts.Constrained: lambda say, fact: "; ".join(
-        f"{say.before(c)} before {say.point(c.after)}" for c in fact.constraints
-    ),
-    facts.TimedOut: _timed_out,
-    facts.Reached: lambda say, fact: f"{say.name(fact.task)}: {_moments(fact.moments)}",
-    facts.Killed: lambda say, fact: f"{say.name(fact.task)}: {kill_reason(fact.why, fact.by)}",
-    facts.KillPlanned: _kill_planned,
-    facts.SendPlanned: lambda say, fact: f"{fact.message} when {say.name(fact.task)} is killed",
-    facts.DeadlineSet: lambda say, fact: (
-        f"{say.name(fact.task)}: {_moments(fact.moment)} within {_seconds(fact.seconds)}"
-    ),
-    facts.SuspendedOrResumed: lambda say, fact: (
-        say.name(fact.task) + ("" if fact.is_suspended else " is resumed") + by_whom(fact.by)
-    ),
-    facts.StateChanged: lambda say, fact: (
-        f"{say.name(fact.task)}: {state_change(fact.transition, fact.state, fact.module, fact.text)}"
-    ),
-    facts.Kept: _kept,
-    facts.Released: _kept,
-    facts.Awaited: lambda say, fact: f"the answer to {say.name(fact.id)}",
-    facts.WaitBegan: lambda say, fact: (
-        f"{say.sender(fact.module, fact.origin)} until {_moments(fact.moment)} of {say.name(fact.task)}"
-        if fact.awaits is WaitKind.TASK
-        else f"{say.sender(fact.module, fact.origin)} for {_awaited(say, fact)}"
-    ),
-    facts.WaitEnded: lambda say, fact: f"{say.sender(fact.module, fact.origin)} for {_awaited(say, fact)}",
-    facts.Claimed: Wording.claim,
-    facts.ClaimEnded: lambda say, fact: f"{say.name(fact.id)}: {fact.why}",
-    facts.Failed: lambda say, fact: (
-        f"{say.name(fact.id)}{_copy_of(fact)}: {fact.failure}{_after_colon(fact.text)}{raised_by(fact.by)}"
-    ),
-    facts.Attached: _attached,
-    facts.Removed: lambda _, fact: f"{{{fact.id}}}{by_whom(fact.by)}",
-    facts.Caught: lambda say, fact: (
-        f"{say.name(fact.task)} by {say.name(fact.handler)}, attached to {say.name(fact.at) if fact.at else 'the root'}"
-    ),
-    facts.NotResolved: lambda say, fact: (
-        f"{say.name(fact.handler)} returned without dealing with the failure of {say.name(fact.task)}"
-    ),
-    facts.Unhandled: _unhandled,
-    facts.Retried: lambda say, fact: say.name(fact.task) + by_whom(fact.by),
-    facts.TapAdded: _tap,
-    facts.TapFired: lambda say, fact: (
-        f"{{{fact.tap}}} for {say.name(fact.tapped)}: {say.name(fact.listener) if fact.listener else 'nobody'}"
-    ),
-    facts.MonitorTested: lambda say, fact: f"{say.name(fact.monitor)}: {'holds' if fact.holds else 'does not hold'}",
-    facts.MonitorEnded: lambda say, fact: f"{say.name(fact.monitor)}: {fact.why}",
+    facts.LostDirectly: "{module}: {number} of [message?{message}|the notes of direct messages]",
+    facts.Constrained: "{constraints:constraints}",
+    facts.TimedOut: "{constraint:constraint}",
+    facts.Reached: "{task:name}: {moments:moments}",
+    facts.Killed: "{task:name}: {why:reason}",
+    facts.KillPlanned: "{scope:scope}{task:name}[ in {seconds:seconds}][ after {after:point}]: {why:reason}",
+    facts.SendPlanned: "{message} when {task:name} is killed",
+    facts.DeadlineSet: "{task:name}: {moment:moments} within {seconds:seconds}",
+    facts.SuspendedOrResumed: "{task:name}[is_suspended?| is resumed]{by:by}",
+    facts.StateChanged: "{task:name}: {transition}{module:by}[, now {state}][: {text}]",
+    facts.Kept: "{task:name} by {module}",
+    facts.Released: "{task:name}[module? by {module}|: its record is gone]",
+    facts.Awaited: "the answer to {id:name}",
+    facts.WaitBegan: "{module}{origin:in} for {task:awaited}",
+    facts.WaitEnded: "{module}{origin:in} for {task:awaited}",
+    facts.Claimed: "{id:name} by {sender}{origin:in}",
+    facts.ClaimEnded: "{id:name}: {why}",
+    facts.Failed: "{id:name}[ of message {copy_of:number}]: {failure}[: {text}]{by:raised}",
+    facts.Attached: "{id:number} " + ATTACHMENT + " of [message?all {message}|{task:at}]",
+    facts.Removed: "{id:number}{by:by}",
+    facts.Caught: "{task:name} by {handler:name}, attached to {at:at}",
+    facts.NotResolved: "{handler:name} returned without dealing with the failure of {task:name}",
+    facts.Unhandled: "{task:name}[, so {undecided:name} could not decide]",
+    facts.Retried: "{task:name}{by:by}",
+    facts.TapAdded: "{id:number} {listener} {condition} of [task?{task:name}|all {message}]{by:by}",
+    facts.TapFired: "{tap:number} for {tapped:name}: [listener?{listener:name}|nobody]",
+    facts.MonitorTested: "{monitor:name}: [holds?holds|does not hold]",
+    facts.MonitorEnded: "{monitor:name}: {why}",
 }
-"""The wording of each kind of fact that is told by more than the name of what it is about, its first field."""
+"""The phrase of each kind of fact that is told by more than the name of what it is about, its first field.
+
+``{field:form}`` is a field in one of the forms below. A part in brackets is left out if one of its fields is empty;
+of ``[field?this|that]`` the field decides which one stands there.
+"""
+
+_PART = re.compile(r"\[(?:(\w+)\?)?([^]]*)\]|([^[]+)")
+_FIELD = re.compile(r"\{(\w+):?(\w*)\}")
+
+
+@cache
+def _parts(phrase: str) -> list[tuple[str, str, str]]:
+    """The parts of a phrase: its flag, its text if it is optional, its text if not."""
+    return _PART.findall(phrase)
+
+
+@cache
+def _pieces(text: str) -> list[str]:
+    """The words of a part before its first field; then name and form of each field, and the words behind it."""
+    return _FIELD.split(text)
+
+
+_AWAITED = {WaitKind.CHANGE: "a change of ", WaitKind.PRESENCE: "handlers of "}
+
+_FORMS: dict[str, Callable[[Wording, Any, Any], str]] = {
+    "": lambda _, __, value: str(value),
+    "at": lambda say, _, task: say.name(task) if task else "the root",
+    "attachment": lambda say, _, one: say.filled(ATTACHMENT, one),
+    "attachments": lambda say, _, several: " and ".join(say.filled(ATTACHMENT, one) for one in several),
+    "awaited": lambda say, fact, task: _AWAITED.get(fact.awaits, "") + _moment_of(fact) + (fact.name or say.name(task)),
+    "by": lambda _, __, by: by_whom(by),
+    "constraint": lambda say, _, one: say.constraint(one),
+    "constraints": lambda say, _, several: "; ".join(map(say.constraint, several)),
+    "date": lambda _, __, seconds: _date(seconds),
+    "duration": lambda _, __, seconds: duration(seconds),
+    "in": lambda say, _, origin: f" in {say.name(origin)}" if origin else "",
+    "list": lambda _, __, names: ", ".join(names),
+    "moments": lambda _, __, moments: _moments(moments),
+    "name": lambda say, _, number: say.name(number),
+    "number": lambda _, __, number: f"{{{number}}}",
+    "original": lambda _, fact, number: f" of message {{{number}}}" if number != fact.id else "",
+    "place": lambda _, fact, module: place(module, fact.resource),
+    "point": lambda say, _, point: say.point(point),
+    "raised": lambda _, __, by: raised_by(by),
+    "reason": lambda _, fact, why: kill_reason(why, fact.by),
+    "scope": lambda _, __, scope: f"{scope} of " if scope is not Scope.TASK else "",
+    "seconds": lambda _, __, seconds: _seconds(seconds),
+    "slot": lambda _, __, slot: f", slot {slot}" if slot > 1 else "",
+}
+"""How a field is written."""
 
 
 def fields_of(fact: facts.Fact) -> dict[str, object]:
@@ -306,12 +272,11 @@ def _after_colon(text: str) -> str:
     return f": {text}" if text else ""
 
 
-def _priority(priority: int) -> str:
-    return f", priority {priority}" if priority else ""
-
-
-def _copy_of(fact: facts.Failed | facts.Dropped) -> str:
-    return f" of message {{{fact.copy_of}}}" if fact.copy_of else ""
+def _date(began: float) -> str:
+    try:
+        return f"{datetime.fromtimestamp(began, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    except (ValueError, OverflowError, OSError):
+        return "at no known time"
 
 
 def _seconds(seconds: float) -> str:
@@ -319,9 +284,8 @@ def _seconds(seconds: float) -> str:
     return f"{round(seconds, 3) if seconds >= 0.001 else seconds:.12g} s"
 
 
-def _awaited(say: Wording, fact: facts.WaitBegan | facts.WaitEnded) -> str:
-    what = {WaitKind.CHANGE: "a change of ", WaitKind.PRESENCE: "handlers of "}.get(fact.awaits, "")
-    return what + (fact.name or say.name(fact.task))
+def _moment_of(fact: facts.WaitBegan | facts.WaitEnded) -> str:
+    return f"{_moments(fact.moment)} of " if fact.moment else ""
 
 
 def _moments(moments: int) -> str:

@@ -55,20 +55,19 @@ def waiter_in_words(waiter: Waiter) -> str:
     return f"{numbered(waiter.name, waiter.number)}{where}{more}"
 
 
-def whereabouts(query: WaitFor, *, is_clause: bool = False) -> str:
+def whereabouts(query: WaitFor) -> str:
     """The place of a query without an answer: ``no module handles it``, ``it is queued for arm``; or the modules that
-    have not answered. As a clause: ``which no module handles``.
+    have not answered.
     """
-    which, it = ("which ", "") if is_clause else ("", " it")
     if len(query.because) > 1 or query.answered:
-        return which + not_answered(query)
+        return not_answered(query)
     where = query.because[0]
     if where.kind is WaitKind.HANDLER:
-        return f"{which}no module handles{it}"
+        return "no module handles it"
     if where.kind is WaitKind.RESOURCE:
-        return f"{which or 'it '}is queued {in_words(where)}"
+        return f"it is queued {in_words(where)}"
     waits = f" and waits {several_in_words(where.because)}" if where.because else ""
-    return f"{which}{place(where.module, where.resource)} handles{it}{waits}"
+    return f"{place(where.module, where.resource)} handles it{waits}"
 
 
 def causes_in_words(causes: Iterable[tuple[WaitFor, float]]) -> str:
@@ -142,16 +141,9 @@ def _point(waits: _Alike) -> str:
     return f"until {after}{waits.names} {waits.reached}"
 
 
-def _handler(waits: _Alike) -> str:
-    if waits.number == 1:
-        return f"for a module that handles {waits.messages}"
-    return f"for modules that handle {waits.messages}"
-
-
 def _reply(waits: _Alike) -> str:
-    what = "reply" if waits.number == 1 else "replies"
-    where = f", {whereabouts(waits.first, is_clause=True)}" if waits.first.because else ""
-    return f"for the {what} to {waits.names}{where}"
+    where = f" ({whereabouts(waits.first)})" if waits.first.because else ""
+    return f"for the reply to {waits.names}{where}"
 
 
 def _resource(waits: _Alike) -> str:
@@ -171,31 +163,29 @@ def _kept(because: Waits) -> str:
 
 def _keepers(because: Waits) -> str:
     running = [one for one in because if one.kind is WaitKind.RUNNING]
-    others = [one for one in because if one.kind is not WaitKind.RUNNING]
     parts = [f"busy with {_Alike(running).names}"] if running else []
-    parts += [f"which {_keeper(one, is_first=not running)}" for one in others]
+    parts += [f"which {_keeper(one)}" for one in because if one not in running]
     return ", and ".join(parts)
 
 
-def _keeper(wait: WaitFor, *, is_first: bool) -> str:
-    verb = "reserve" if wait.name == "reservation" else "lock"
+def _keeper(wait: WaitFor) -> str:
+    if wait.kind is WaitKind.HANDLER:
+        return "has no handler now"
     whose = ""
     if wait.because:
         message = wait.because[0]
         how = "while handling" if message.kind is WaitKind.RUNNING else "for"
         whose = f" {how} {numbered(message.name, message.number)}"
-    if wait.kind is WaitKind.HANDLER:
-        return "has no handler now"
-    if wait.kind is WaitKind.LOCKED:
-        return f"{wait.module} has {verb}{'d' if verb == 'reserve' else 'ed'}{whose}"
-    return f"{wait.module} waits to {verb}{'' if is_first else ' first'}{whose}"
+    to_lock, has_locked = ("reserve", "reserved") if wait.name == "reservation" else ("lock", "locked")
+    how = f"has {has_locked}" if wait.kind is WaitKind.LOCKED else f"waits to {to_lock}"
+    return f"{wait.module} {how}{whose}"
 
 
 def not_answered(query: WaitFor) -> str:
-    """A multi-query's wait: ``arm and legs (queued, busy with walk {3}) have not answered (1 of 3 has)``."""
+    """A multi-query's wait: ``arm and legs (queued, busy with walk {3}) have not answered (1 of 3 answered)``."""
     number, answered = len(query.because), query.answered
-    told = f" ({answered} of {answered + number} {_has(answered)})" if answered else ""
-    return f"{listed([_who(one) for one in query.because])} {_has(number)} not answered{told}"
+    told = f" ({answered} of {answered + number} answered)" if answered else ""
+    return f"{listed([_who(one) for one in query.because])} {'has' if number == 1 else 'have'} not answered{told}"
 
 
 def _who(where: WaitFor) -> str:
@@ -203,19 +193,12 @@ def _who(where: WaitFor) -> str:
     return place(where.module, where.resource) + queued
 
 
-def _has(number: int) -> str:
-    return "has" if number == 1 else "have"
-
-
 def _resume(waits: _Alike) -> str:
-    wait, now, ago = waits.first, waits.now, ""
-    if now is not None and wait.seconds is not None:
-        ago = f" {duration(max(now - wait.seconds, 0.0))} ago"
-    by = suspended_by(wait.module, since_birth=wait.since_birth) + ago
-    is_known = bool(by_whom(wait.module) or ago)
-    if not wait.number:
-        return f"until it is resumed{f' ({by})' * is_known}"
-    return f"until {waits.names}{f', {by},' * is_known} is resumed"
+    wait, ago = waits.first, ""
+    if waits.now is not None and wait.seconds is not None:
+        ago = f" {duration(max(waits.now - wait.seconds, 0.0))} ago"
+    by = f" ({suspended_by(wait.module, since_birth=wait.since_birth)}{ago})" if by_whom(wait.module) or ago else ""
+    return f"until {waits.names if wait.number else 'it'} is resumed{by}"
 
 
 def _condition(waits: _Alike) -> str:
@@ -226,12 +209,11 @@ def _condition(waits: _Alike) -> str:
 
 
 def _running(waits: _Alike) -> str:
-    first, number = waits.first, waits.number
-    whose = f"the handler{'s' * (number > 1)} of {waits.names}" if first.number else "its handler"
-    if first.module and number == 1:
-        whose += f" in {waits.place}"
+    first = waits.first
+    whose = f"the handler of {waits.names}" if first.number else "its handler"
+    where = f" in {waits.place}" if first.module and waits.number == 1 else ""
     on = f", which waits {several_in_words(first.because)}" if first.because else ""
-    return f"until {whose} return{'s' * (number == 1)}{on}"
+    return f"until {whose}{where} returns{on}"
 
 
 _KEPT = (WaitKind.RESOURCE, WaitKind.LOCK)
@@ -251,8 +233,8 @@ _WORDS: dict[WaitKind, Callable[[_Alike], str]] = {
     ),
     WaitKind.DELAY: _delay,
     WaitKind.RESOURCE: _resource,
-    WaitKind.HANDLER: _handler,
-    WaitKind.PRESENCE: _handler,
+    WaitKind.HANDLER: lambda waits: f"for a module that handles {waits.messages}",
+    WaitKind.PRESENCE: lambda waits: f"for a module that handles {waits.messages}",
     WaitKind.REPLY: _reply,
     WaitKind.LOCK: _lock,
     WaitKind.RESUME: _resume,

@@ -45,7 +45,7 @@ def test_the_longest_waits_come_first() -> None:
         ("dance {2}", "for a module that handles dance", 14.0),
         (f"step {{{first + 1}}} and 1 more", f"for legs, busy with step {{{first}}}", 12.0),
         ("where {6}", "for user, busy with where {1}", 10.0),
-        ("module other", "for the reply to where {6}, which is queued for user, busy with where {1}", 10.0),
+        ("module other", "for the reply to where {6} (it is queued for user, busy with where {1})", 10.0),
     ]
     assert resource(told, "legs")["oldest"] == 12.0
 
@@ -95,7 +95,7 @@ def test_a_brief_wait_is_no_deadlock(robot: Player, *, brief: bool) -> None:
     assert bool(robot.facts(RequestRefused)) is not brief
     told = load(robot.central)
     assert (
-        ("look {2} in eyes", "for the reply to where {3}, which is queued for map, busy with where {1}", 10.0)
+        ("look {2} in eyes", "for the reply to where {3} (it is queued for map, busy with where {1})", 10.0)
         in waits(told)
     ) is brief
     assert resource(told, "eyes")["blocked"] == brief

@@ -76,7 +76,7 @@ def test_status_names_the_task_to_resume(central: str) -> None:
         (held,) = [one for one in told["waiting"] if one["state"] == "held"]
         assert (held["number"], held["waits"][0]["number"]) == (steps[0].id, rest.id)
         ago = duration(told["time"] - held["waits"][0]["seconds"])
-        assert f"suspended by user {ago} ago, is resumed" in held["for"]
+        assert f"is resumed (suspended by user {ago} ago)" in held["for"]
         assert held["for"].endswith(f": 'tca resume {rest.id}'")
 
 
@@ -111,7 +111,7 @@ def test_status_says_who_waits_for_a_handler(central: str) -> None:
         while not any(message["awaited_by"] for message in user.status("messages")):
             user.status()
         lines = [" ".join(line.split()) for line in ask(commands.status, "--central", central)[1].splitlines()]
-        assert "module planner for modules that handle temperature and stance" in lines
+        assert "module planner for a module that handles temperature and stance" in lines
     planner.stop()
     starting.join(SOON)
 

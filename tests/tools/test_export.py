@@ -321,7 +321,7 @@ def test_what_is_told_is_the_same(tale: Callable[[], Story], tca: Tca, tmp_path:
 
 def test_why_it_stands_is_said(tca: Tca, tmp_path: Path) -> None:
     log = wondering().at(80.0).say(facts.Closed("interrupted")).write(tmp_path / "run")
-    assert "waits for the reply to ask supplier {2}, which no module handles, for 78 s" in tca("tree", log).stdout
+    assert "waits for the reply to ask supplier {2} (no module handles it), for 78 s" in tca("tree", log).stdout
 
 
 # --- all commands write over what they have made themselves, and over nothing else -----------------------------------

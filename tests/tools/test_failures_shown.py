@@ -223,7 +223,7 @@ def test_it_is_no_result() -> None:
     assert words.data(RunAt(history).tasks[move]) == '7 failed with {"z": 1.5}'
     assert [one.text for one in story(history, move)][-3:-1] == [
         'the failure\'s data: {"z": 1.5}',
-        "exception handler recover {3} is called",
+        "exception handler recover {3} was called in expert",
     ]
 
 

@@ -22,13 +22,12 @@ def test_every_row_that_waits_says_for_what_in_the_end_and_the_head_counts_by_th
     page.set_viewport_size({"width": 2200, "height": 860})
     why = {number: page.locator(f".row[data-task='{number}'] .why") for number in range(1, 7)}
     expect(why[1]).to_have_text(f"until drill {{2}}, drill {{4}}, drill {{5}} and 1 more are achieved, for 3 s; {END}")
-    expect(why[2]).to_have_text("until calibrate {3} is achieved, for 3 s; no module handles that")
+    expect(why[2]).to_have_text(f"until calibrate {{3}} is achieved, for 3 s; {END}")
     expect(why[3]).to_have_text("for a module that handles calibrate, for 3 s")
     expect(why[6]).to_have_text(f"until drill {{5}} is achieved, for 3 s; {END}")
     expect(page.locator("#task .lead.end")).to_have_text(END)
     page.set_viewport_size({"width": 1300, "height": 860})
-    expect(why[6]).to_have_text("until drill {5} is achieved, for 3 s; in the end for calibrate {3}")
-    expect(why[2]).to_have_text("until calibrate {3} is achieved, for 3 s; no module handles that")
+    expect(why[6]).to_have_text(f"until drill {{5}} is achieved; {END}")
     page.locator("#task .lead.end button").click()
     expect(page.locator("#task h2")).to_have_text("calibrate {3}")
     why[1].click()
@@ -117,9 +116,8 @@ def test_where_a_task_counts_for_several_things_the_line_of_causes_says_so(look:
 def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
     page = look(delayed().write(tmp_path / "dinner"), "#task=2")
     why = page.locator(".row[data-task='2'] .why")
-    expect(why).to_have_text("until 3 s after ring bell {1} is achieved, for 1 s; that waits until 500.250 s")
-    expect(why).to_have_attribute("title", "until 3 s after ring bell {1} is achieved\n\nthat"
-                                  " waits until 500.250 s")  # fmt: skip
+    expect(why).to_contain_text("until 3 s after ring bell {1} is achieved")
+    expect(why).to_contain_text("until 500.250 s")
     expect(page.locator("#task .lead").first).to_contain_text("waits until 3 s after ring bell {1} is achieved")
     expect(page.locator("#task table")).to_contain_text(
         ["", "start achieving not before 3 s after ring bell {1} end achieving"]

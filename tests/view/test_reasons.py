@@ -59,21 +59,17 @@ def test_what_a_row_with_little_room_tells(look: Look, tmp_path: Path) -> None:
     story.delivered(treat, "brain")
     question = story.received("consent of the patient", QUERY, "brain", origin=treat)
     story.queued(question).say(facts.WaitBegan("brain", treat, TaskId(question), 0))
-    lost = story.command("helicopter of the army", "user")
-    story.queued(lost).command("fly home", "user", 0, sequential_achievement(TaskId(lost), THIS))
     page = look(story.at(70.0).write(tmp_path / "ward"))
     scanner, consent = (
         "for radiology / scanner, busy with ct scan {1}",
-        "for the reply to consent of the patient {4}, which no module handles",
+        "for the reply to consent of the patient {4} (no module handles it)",
     )
-    until = "until helicopter of the army {5} is achieved; "
     for width, told in {
-        2400: [f"{scanner}, for 69 s", f"{consent}, for 69 s", f"{until[:-2]}, for 69 s; no module handles that"],
-        1400: [f"{scanner}, for 69 s", consent, until[:-2] + ", for 69 s"],
-        700: [scanner, consent, until[:-2]],
+        2400: [f"{scanner}, for 69 s", f"{consent}, for 69 s"],
+        700: [scanner, consent],
     }.items():
         page.set_viewport_size({"width": width, "height": 800})
-        for number, text in zip((scan, treat, lost + 1), told, strict=True):
+        for number, text in zip((scan, treat), told, strict=True):
             expect(page.locator(f".row[data-task='{number}'] .why")).to_have_text(text)
 
 

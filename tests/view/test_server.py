@@ -64,7 +64,7 @@ def test_notes_and_the_messages_around_a_moment(address: str) -> None:
         ("until take steps {3} is being achieved", 0.6, 0.6, END),
         ("until move leg {6} is achieved", 1.4, 1.4, ""),
     ]
-    assert (told["4"]["names"], told["4"]["last"], told["4"]["brief"]) == ([3], 6, "in the end for move leg {6}")
+    assert (told["4"]["names"], told["4"]["last"]) == ([3], 6)
     lines = asked(address, "messages?place=4&before=1&after=0")
     assert {line["place"] for line in lines} == {3, 4}
     assert asked(address, "messages?place=99999&before=5&after=5") == []

@@ -20,7 +20,7 @@ def test_a_wait_in_words(approve: Callable[..., None]) -> None:
 
 
 def test_a_suspension_says_how_long_ago() -> None:
-    assert in_words(Wait(Kind.RESUME, 2, "walk", seconds=3.0), 5.0) == "until walk {2}, suspended 2 s ago, is resumed"
+    assert in_words(Wait(Kind.RESUME, 2, "walk", seconds=3.0), 5.0) == "until walk {2} is resumed (suspended 2 s ago)"
     wait = Wait(Kind.RESUME, module="panel", seconds=3.0)
     assert in_words(wait, 5.0) == "until it is resumed (suspended by panel 2 s ago)"
 

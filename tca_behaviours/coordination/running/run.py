@@ -19,20 +19,8 @@ from tca_behaviours.coordination.running.activities_at_work import ActivitiesAtW
 from tca_behaviours.coordination.running.failures import FailureNotes
 from tca_behaviours.coordination.running.messages import ACTIVITY_STOPPED, NEEDS_NOT_MET, CoordinationEnd
 from tca_module import Task, TcaError
-from tca_wire.coordination import CoordinationReport, Foreseen, Reason
-from tca_wire.text.early_work import came_late, why_not_early
-
-_WHY_STOPPED = {
-    Reason.NOT_FORESEEN: "is not foreseen any more",
-    Reason.REPEATED: "is current, or comes twice",
-    Reason.NEEDS: "needs what does not hold any more",
-    Reason.CONFLICT: "is in the way of what comes before it",
-    Reason.BRANCH: "may have to be undone, and can't be",
-    Reason.AGENT: "has to leave its agent to what comes before it",
-    Reason.UTILITY: "is not worth while any more",
-    Reason.MISTAKE: "has a cost, adapt or policy that failed",
-    Reason.FAILED: "has failed",
-}
+from tca_wire.coordination import CoordinationReport, Foreseen
+from tca_wire.text.early_work import came_late, why_not_early, why_stopped
 
 
 class CoordinationRun:
@@ -114,8 +102,7 @@ class CoordinationRun:
                 pass
             decision = self._decide()
             for stop in decision.stops:
-                label = self._machine.states[stop.state].label
-                self._work.drop(stop.state, f"'{label}' {_WHY_STOPPED[stop.reason]}")
+                self._work.drop(stop.state, why_stopped(self._machine.chart, stop))
             self._begin_current()
             if not (self._unmet or self._events):
                 break

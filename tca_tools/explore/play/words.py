@@ -1,13 +1,13 @@
 """Actions, and what is unfinished at the end, in words."""
 
 from collections.abc import Callable
-from typing import Any
+from functools import partial
 
 from tca_tools.check.records import MessageRecord
 from tca_tools.explore.play.actors import Actor, ModuleLine
 from tca_tools.explore.play.identifiers import renamed
 from tca_tools.explore.play.play import Action, ActionKind, Play, Waiting
-from tca_tools.explore.scenario.requests import in_words, point_in_words
+from tca_tools.explore.scenario.requests import RequestWording
 from tca_tools.explore.scenario.script_connection import CHOOSE
 from tca_tools.explore.scenario.steps import Ask, Await, Fail, GiveUp, Hang, Know, Owe, ReadWish, Return, Step, UseKept
 from tca_wire.packets import headers
@@ -123,13 +123,15 @@ def _who(line: ModuleLine, actor: Actor, play: Play) -> str:
 
 
 def _doing(play: Play, actor: Actor, step: Step | None) -> str:
-    return _DO[type(step)](play, actor, step)
-
-
-def _ask(play: Play, actor: Actor, step: Ask) -> str:
-    header = renamed(step.header, actor.real)
-    declared = {message.name: message.message_class for message in step.declares}
-    return in_words(header, step.body, declared.get(getattr(header, "message", "")), lambda task: _name(play, task))
+    if isinstance(step, Ask):
+        declared = {message.name: message.message_class for message in step.declares}
+        header = renamed(step.header, actor.real)
+        return _wording(play).request(header, step.body, declared.get(getattr(header, "message", "")))
+    if isinstance(step, Await):
+        return _waiting(play, actor, step)
+    if isinstance(step, GiveUp):
+        return _give_up(actor, step)
+    return _wording(play).filled(_STEPS[type(step)], step)
 
 
 def _waiting(play: Play, actor: Actor, step: Step | None) -> str:
@@ -137,38 +139,36 @@ def _waiting(play: Play, actor: Actor, step: Step | None) -> str:
     if not isinstance(step, Await):
         return _doing(play, actor, step)
     header = actor.requests[step.request].header
-    if isinstance(header, headers.AwaitPoint):
-        return f"waits for {point_in_words(header.point, lambda task: _name(play, task))}"
-    if isinstance(header, headers.Lock):
-        return f"waits to {'reserve' if header.reserve else 'lock'} {header.resource}"
-    if isinstance(header, headers.WaitUntilHandled):
-        return f"waits until {', '.join(header.messages)} are handled"
+    if isinstance(header, headers.AwaitPoint | headers.Lock | headers.WaitUntilHandled):
+        return _wording(play).request(header, b"", None)
     return f"waits for the answer to {play.central.registry.messages[header.message].message_class} {header.message}"
 
 
-def _give_up(_: Play, actor: Actor, step: GiveUp) -> str:
+def _give_up(actor: Actor, step: GiveUp) -> str:
     request = actor.requests[step.request]
     is_held = isinstance(request.header, headers.Lock) and request.is_over
     return f"releases {request.header.resource}" if is_held else "wants no answer any more"
 
 
-_DO: dict[type, Callable[[Play, Actor, Any], str]] = {
-    Ask: _ask,
-    Await: _waiting,
-    GiveUp: _give_up,
-    Know: lambda _play, _actor, _step: "gets an error",
-    Return: lambda _play, _actor, _step: "returns",
-    Fail: lambda _play, _actor, step: "reissues its failure" if step.reissue else f"fails: {step.failure}",
-    ReadWish: lambda _play, _actor, step: f"{'waits for' if step.waits else 'looks at'} what clients want",
-    Owe: lambda _play, _actor, _step: "owes its reply",
-    UseKept: lambda _, __, step: f"uses the kept replies to {step.message}",
-    Hang: lambda _play, _actor, _step: "never goes on",
+_STEPS: dict[type, str] = {
+    Know: "gets an error",
+    Return: "returns",
+    Fail: "[reissue?reissues its failure|fails: {failure}]",
+    ReadWish: "[waits?waits for|looks at] what clients want",
+    Owe: "owes its reply",
+    UseKept: "uses the kept replies to {message}",
+    Hang: "never goes on",
 }
+"""The phrase of each step that is no request."""
+
+
+def _wording(play: Play) -> RequestWording:
+    return RequestWording(partial(_name, play))
 
 
 def _standing(play: Play, task: MessageRecord) -> str:
     reached = ", ".join(describe_moments(task.reached)) or "nothing reached"
-    after = [point_in_words(hold.constraint.before, lambda task: _name(play, task))
+    after = [_wording(play).point(hold.constraint.before)
              for hold in task.holds if not (hold.is_met or hold.constraint.delay)]  # fmt: skip
     parts = [
         reached,

@@ -3,7 +3,7 @@
 
 import { soon } from "./dom.js";
 
-const NOTHING = { text: "", end: "", brief: "", alone: "", whole: "", names: [], last: 0 };
+const NOTHING = { text: "", end: "", whole: "", names: [], last: 0 };
 
 export class Notes {
   // `changed` is called when there are others.
@@ -21,7 +21,7 @@ export class Notes {
     if (note === undefined || store.entered(task, note.time) !== store.entered(task, time)) return undefined;
     if (note.asked === this.asked) return note;
     if (note.names.some((number) => store.hasEnded(number, note.time, time))) return undefined;
-    return store.hasChanged(note.last, note.time, time) ? { ...note, end: "", brief: "", alone: "" } : note;
+    return store.hasChanged(note.last, note.time, time) ? { ...note, end: "" } : note;
   }
 
   // What is known changes with messages, not with time.

@@ -9,7 +9,6 @@ import { numbered, seconds } from "./words.js";
 const ROW = 24; // pixels, as in style.css
 const BESIDE = 150; // pixels of marks and numbers beside a name
 const BESIDE_KIND = 10;
-const LEAST = 100; // pixels of what keeps a task, before what it comes to in the end
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
 const ROLE_MARKS = {
   "exception handler": "for a failure", "listener": "by a wiretap", "termination": "to leave things safe", "cancel": "cancels",
@@ -260,15 +259,14 @@ export class Tree {
     return element("span", { class: isBad ? "hidden-failure" : "hidden-failure handled", text: "▲", title });
   }
 
-  // What keeps it, for how long, and what it comes to in the end: as much as has room, and the end where little has.
+  // What keeps it, for how long, and what it comes to in the end: as much as has room.
   #tellWhy(why, note, state, room) {
-    const { text = "", end = "", brief = "", alone = "", whole = "", start } = note ?? {}, what = text || (end ? "" : state);
+    const { text = "", end = "", whole = "", start } = note ?? {}, what = text || (end ? "" : state);
     why.title = whole || state;
     const lasted = start === undefined ? [] : ages(note), wide = (one) => this.widthOf(one.textContent ?? one);
-    const forms = [[what, lasted, end], [what, lasted.slice(0, 1), end], [what, lasted.slice(0, 1), brief], [what, [], brief]];
+    const forms = [[what, lasted, end], [what, lasted.slice(0, 1), end], [what, [], end]];
     const hasRoom = ([first, times, last]) => [first, ...times, last && first ? `; ${last}` : last].reduce((sum, one) => sum + wide(one), 0) <= room;
-    const cut = brief && room - wide(brief) < LEAST ? ["", [], alone] : forms.at(-1);
-    const [first, times, last] = forms.find(hasRoom) ?? cut;
+    const [first, times, last] = forms.find(hasRoom) ?? forms.at(-1);
     if (first) why.append(element("span", { class: "what", text: first }), ...times);
     if (last) why.append(element("span", { class: "end", text: first ? `; ${last}` : last }));
   }
