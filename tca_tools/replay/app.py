@@ -61,19 +61,7 @@ _QUESTIONS = {
 class Replay(App[None]):
     """A run, message by message."""
 
-    CSS = """
-    #bar { height: 2; padding: 0 1; background: $panel; }
-    #main { height: 2fr; }
-    #tree, #story, #messages { border: round $primary; padding: 0 1; height: 1fr; }
-    #tree { width: 2fr; scrollbar-size-horizontal: 0; }
-    #story { width: 1fr; }
-    #standing { height: auto; max-height: 60%; margin-bottom: 1; }
-    #sentences { background: transparent; scrollbar-size: 1 0; }
-    .-narrow #main { layout: vertical; height: 3fr; }
-    .-narrow #tree, .-narrow #story { width: 100%; height: 1fr; }
-    #ask { display: none; height: 3; }
-    #ask.asked { display: block; }
-    """
+    CSS_PATH = "app.tcss"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (_LEAST_BESIDE, "-wide")]  # noqa: RUF012 - the base class has it so
     BINDINGS: ClassVar = [
         *(Binding(key, action, words, priority=True) for key, action, words in _KEYS),

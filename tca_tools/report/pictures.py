@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.chart import Chart
-from tca_tools.gantt.legend import patterns
+from tca_tools.gantt.legend import HATCHINGS
 from tca_tools.gantt.svg import Pieces, pieces_of
 from tca_tools.journal.fates import GOOD_FATES
 from tca_tools.journal.fold import History
@@ -35,7 +35,7 @@ class Gantt(NamedTuple):
     @property
     def plot(self) -> str:
         """The plot, with room at both its edges."""
-        return f'{patterns(self.chart, of_names=False)}<g transform="translate({_EDGE} 0)">{self.pieces.plot}</g>'
+        return f'{HATCHINGS}<g transform="translate({_EDGE} 0)">{self.pieces.plot}</g>'
 
     @property
     def label_width(self) -> int:
@@ -76,7 +76,7 @@ def gantt(history: History, found: Contents) -> Gantt | None:
     if len(history.handlings) + len(history.queueings) > _BARS_AT_MOST:
         middle, why = _telling(found)
         drawing = chart(history, *_window(history, middle))
-    return Gantt(drawing, pieces_of(drawing, "", widest=_WIDEST), why)
+    return Gantt(drawing, pieces_of(drawing, widest=_WIDEST), why)
 
 
 def _telling(found: Contents) -> tuple[float, str]:
