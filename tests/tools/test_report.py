@@ -212,15 +212,13 @@ def many(tops: int, below: int, bad: int) -> History:
 def test_a_large_tree_shows_what_failed_and_counts_the_rest() -> None:
     found = tree(many(tops=300, below=9, bad=250), shown_at_most=100)
     assert found.shown <= 100
-    states = [node.task.standing for node in found.nodes if node.task]
+    rows = [row for some in found.below.values() for row in some]
+    tasks = [row.task for row in rows if row.task]
+    states = [task.standing for task in tasks]
     assert states.count(HANDLED) == 1  # the walk was achieved all the same
-    failed = next(node for node in found.nodes if node.task and node.task.standing == HANDLED)
-    assert failed.task is not None
-    above = next(node for node in found.nodes if node.task and node.task.id == failed.task.parent)
-    assert above.is_open
-    assert sum(node.is_open for node in found.nodes) == 2
-    counted = sum(node.row.folded for node in found.nodes)
-    assert counted + len(states) == found.total == 3000
+    failed = next(task for task in tasks if task.standing == HANDLED)
+    assert {task.id for task in tasks} & found.opened == {failed.id, failed.parent}
+    assert sum(row.folded for row in rows) + len(states) == len(found.at.tasks) == 3000
 
 
 def test_a_deep_tree_nests_no_further_than_browsers_can(reported: Reported) -> None:
