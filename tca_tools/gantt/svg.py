@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import inf
 from statistics import median
 
 from tca_tools.drawing.page import wide_page
@@ -17,10 +18,10 @@ _USUAL_BAR = 8.0
 """The chart is made wide enough for half of the bars to be that wide, within the limits above."""
 _ROW_GAP, _AXIS, _TITLE = 14.0, 26.0, 22.0
 _TICK_DISTANCE = 90.0
-_DEPTHS = (1, 4, 16)
-"""A page can be zoomed: what only shows when it is that much wider is in it from the beginning."""
-_MOST_SHAPES = {4: 80_000, 16: 20_000}
-"""How many bars a page may have to show so much detail: it must not be too large for a browser."""
+_MOST_SHAPES = {1: inf, 4: 80_000, 16: 20_000}
+"""A page can be zoomed: what only shows when it is so many times wider is in it from the beginning, unless it has more
+bars than that: it must not be too large for a browser.
+"""
 _WINDOW = 1200.0
 """A width that most windows have."""
 _PAGE = 1000.0
@@ -78,9 +79,9 @@ def pieces_of(chart: Chart, *, can_zoom: bool = False, widest: float = _WIDEST) 
     width = min(_plot_width(chart), widest)
     label_width = max((label_room(row) for row in chart.rows), default=0.0) + 12
     bars_at_all = sum(len(row.handled) + len(row.queued) for row in chart.rows)
-    zooms = [depth for depth, most in _MOST_SHAPES.items() if can_zoom and bars_at_all <= most]
-    depths = (1, *zooms)
-    scale = Scale(width, chart.start, chart.end, depths)
+    depths = tuple(_MOST_SHAPES)[: None if can_zoom else 1]
+    fine = [depth for depth in depths if bars_at_all <= _MOST_SHAPES[depth]]
+    scale = Scale(width, chart.start, chart.end, tuple(fine))
     painter = Painter(chart, scale)
     labels: list[str] = []
     bands: list[str] = []
@@ -91,7 +92,7 @@ def pieces_of(chart: Chart, *, can_zoom: bool = False, widest: float = _WIDEST) 
         bands += painter.band(row, bottom)
         bars += painter.bars(row, bottom)
         bottom += painter.height(row) + _ROW_GAP
-    grid = _grid(scale, bottom, _DEPTHS if can_zoom else _DEPTHS[:1])
+    grid = _grid(scale, bottom, depths)
     plot = "\n".join([patterns(chart), *bands, *grid, *bars])
     return Pieces(meanings(chart, scale), "\n".join(labels), label_width, plot, width, bottom)
 
