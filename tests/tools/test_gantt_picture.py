@@ -65,9 +65,7 @@ def shop(*failing: int, outcome: Outcome = Outcome.FAILED, steps: int = 1000, ro
 
 
 def test_failures_in_narrow_bars_have_flags_above_their_row() -> None:
-    found = re.findall(
-        r'class="flag ink-failed" d="M([\d.]+) .*?<title>(.*?)</title>', drawn(shop(100, 500, 501, 502))
-    )
+    found = re.findall(r'class="flag ink-failed" d="M([\d.]+) .*?<title>(.*?)</title>', drawn(shop(100, 500, 501, 502)))
     [(first, told), (second, merged)] = [(float(left), title) for left, title in found]
     assert told.startswith("step {101} handled by legs 0 from 100.000 s to 100.500 s")
     assert merged.startswith("3 failures from 500.500 s to 502.500 s, first: step {501}")
