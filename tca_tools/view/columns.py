@@ -29,10 +29,10 @@ class Columns:
 
     def add(self, table: str, *values: float | str) -> int:
         """A new row of a table, in the order of its columns; its number."""
-        columns = self._tables[table].values()
+        first, *_ = columns = [*self._tables[table].values()]
         for column, value in zip(columns, values, strict=True):
             column.append(self._texts[value] if isinstance(value, str) else value)
-        return len(column) - 1
+        return len(first) - 1
 
     def frame(self, since: Mapping[str, int], more: Mapping[str, Any]) -> bytes:
         """All rows behind those places, with *more*."""

@@ -1,6 +1,7 @@
 """The report: a page that tells a stranger how a run went, whatever the journal holds."""
 
 import re
+import sys
 from collections.abc import Callable
 from html.parser import HTMLParser
 from itertools import pairwise
@@ -265,7 +266,8 @@ def test_wrong_usage(tmp_path: Path) -> None:
 
 
 def test_without_jinja_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "jinja2", None)
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    monkeypatch.delitem(sys.modules, "tca_tools.report.page", raising=False)
     result = tca_report(stepping().write(tmp_path / "run"), "-o", tmp_path / "run.html")
     assert result.exit_code == ToolError.exit_code
     assert "pip install 'tca-central[report]'" in result.output
