@@ -7,7 +7,7 @@ from typing import Any, Generic, Self, TypeVar, cast
 from tca_behaviours.statecharts.states import A, State, UnsoundMachine, chart_of
 from tca_module import MisuseError
 from tca_module.checks import LABEL, check
-from tca_tools.drawing.picture_file import write_machine
+from tca_tools.drawing.pictures import write_machine
 from tca_tools.errors import ToolError
 from tca_wire.charts import MachineChart, StateKind
 from tca_wire.text.printable import shortened

@@ -16,7 +16,7 @@ from tca_wire.text.measures import percent
 from tca_wire.text.printable import printable
 
 INK, FAINT = "#1f2933", "#52606d"
-LOOKS = f"""\
+_LOOKS = f"""\
   graph [fontname="Helvetica,Arial,sans-serif", fontsize=12, fontcolor="{INK}", labelloc=t, labeljust=l,
     bgcolor=white, pad=0.3, nodesep=0.4, ranksep=0.4, compound=true];
   node [shape=box, style="rounded,filled", fillcolor=white, fontname="Helvetica,Arial,sans-serif", fontsize=12,
@@ -48,9 +48,9 @@ def chart_dot(
     return graph(_Picture(chart, marks or {}, likely or {}).lines())
 
 
-def graph(lines: Iterable[str]) -> str:
-    """A directed graph, with the looks of all machines."""
-    return "digraph machine {\n" + LOOKS + "".join(f"  {line}\n" for line in lines) + "}\n"
+def graph(lines: Iterable[str], name: str = "machine") -> str:
+    """A directed graph, with the looks of all our graphs."""
+    return f"digraph {name} {{\n" + _LOOKS + "".join(f"  {line}\n" for line in lines) + "}\n"
 
 
 def chart_lines(chart: MachineChart) -> Iterator[str]:

@@ -9,17 +9,6 @@ from html import escape
 from pathlib import Path
 
 _HERE = Path(__file__).parent
-_PAGE = """\
-<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
-<style>{style}</style></head>
-<body>
-<nav><button value="2">+</button> <button value="0.5">-</button> <button value="0">all</button>
-wheel: zoom, drag: move, hover: details</nav>
-{body}
-<script>
-{script}</script></body></html>
-"""
 
 
 def zoomed_page(title: str, svg: str) -> str:
@@ -36,5 +25,5 @@ def wide_page(title: str, head: str, labels: str, plot: str) -> str:
 
 
 def _page(title: str, body: str) -> str:
-    style, script = ((_HERE / name).read_text() for name in ("zoom.css", "zoom.js"))
-    return _PAGE.format(title=escape(title), style=style, body=body, script=script)
+    frame, style, script = ((_HERE / name).read_text() for name in ("page.html", "zoom.css", "zoom.js"))
+    return frame.format(title=escape(title), style=style, body=body, script=script)

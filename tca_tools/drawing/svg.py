@@ -2,19 +2,14 @@
 
 from collections.abc import Iterable
 from html import escape
+from pathlib import Path
 
 from tca_tools.terminal import columns_of
 from tca_wire.text.printable import printable
 
 UNTOUCHED = ' pointer-events="none"'
 """For what lies over a shape whose title is wanted at the mouse."""
-STYLE = """\
-text { font: 12px Helvetica, Arial, "Liberation Sans", sans-serif; fill: #1f2933; }
-.title { font-size: 15px; font-weight: bold; } .faint { fill: #52606d; font-size: 11px; } .tick { text-anchor: middle; }
-.grid { stroke: #d9dee4; }
-"""
-
-
+STYLE = Path(__file__).with_name("svg.css").read_text()
 _WIDTHS = {
     "ijl'|": 0.23,
     "ftI.,:;!/ []()": 0.29,

@@ -5,6 +5,7 @@ However many bars there are, a lane becomes no more things to draw than it has c
 
 from collections import Counter
 from collections.abc import Iterable
+from functools import partial
 from itertools import pairwise
 
 from tca_tools.gantt.chart import Bar, Ending
@@ -39,7 +40,7 @@ def _block(bars: list[Bar]) -> Bar:
     endings = {bar.ending for bar in bars}
     span = bars[0].start, max(bar.end for bar in bars)
     block = Bar(max(seconds, key=seconds.__getitem__), *span, kind=bars[0].kind)
-    block.told, block.about = _title, (block,)
+    block.title = partial(_title, block)
     block.is_beside = all(bar.is_beside for bar in bars)
     worst = (Ending.FAILED, Ending.COPED, Ending.RESOLVED, Ending.KILLED)
     block.ending = next((one for one in worst if one in endings), Ending.NONE)

@@ -115,7 +115,7 @@ class _Filler:
 
     def _handled(self, one: Handling) -> Bar:
         bar = self._bar(BarKind.HANDLED, one.name, one.start, one.end, one.message_id)
-        bar.told, bar.about = titles.handled, (self.run, one)
+        bar.title = partial(titles.handled, self.run, one)
         if one.outcome is Outcome.FAILED:
             bar.ending = self._failed(one)
         elif one.outcome is Outcome.KILLED:
@@ -139,7 +139,7 @@ class _Filler:
 
     def _wait(self, who: str, name: str, wait: HandlerWait, kind: BarKind = BarKind.WAITING) -> Bar:
         bar = self._bar(kind, name, wait.start, wait.end)
-        bar.told, bar.about = titles.waits, (self.run, who, wait)
+        bar.title = partial(titles.waits, self.run, who, wait)
         return bar
 
     def _awaited(self, module: str, wait: HandlerWait) -> Bar:
@@ -151,7 +151,7 @@ class _Filler:
     def _queued(self, one: Queueing) -> Bar:
         number = one.message_id
         bar = self._bar(BarKind.QUEUED, self.run.name(number), one.start, one.end, number)
-        bar.told, bar.about = titles.queued, (self.run, one)
+        bar.title = partial(titles.queued, self.run, one)
         bar.marks = self._marks(number, bar)
         return bar
 
@@ -159,7 +159,7 @@ class _Filler:
         kind = BarKind.RESERVED if claim.is_reserved else BarKind.LOCKED
         start = claim.start if claim.granted is None else claim.granted
         bar = self._bar(kind, claim.sender, start, claim.end)
-        bar.told, bar.about = titles.claimed, (self.run, claim)
+        bar.title = partial(titles.claimed, self.run, claim)
         return bar
 
     def _marks(self, number: int, bar: Bar) -> list[Mark]:
@@ -194,7 +194,7 @@ class _Filler:
                 continue
             if state is TaskState.SUSPENDED:
                 bar = self._kept(BarKind.SUSPENDED, task, start, end)
-                bar.told, bar.about = titles.suspended, (self.run, task, start, bar.until)
+                bar.title = partial(titles.suspended, self.run, task, start, bar.until)
                 self._row("", SUSPENDED).queued.append(bar)
             else:
                 self._row(module, resource).held += self._held(task, start, end)
@@ -213,7 +213,7 @@ class _Filler:
                 continue
             some = [wait for wait in waits if wait.start <= since < wait.end]
             bar = self._kept(BarKind.HELD, task, since, until)
-            bar.told, bar.about = titles.held, (self.run, task, since, bar.until, some)
+            bar.title = partial(titles.held, self.run, task, since, bar.until, some)
             who = "" if bars else f"{task}: "
             bar.why = partial(titles.why_held, self.run, who, since, some)
             bar.follows = bars[0] if bars else None

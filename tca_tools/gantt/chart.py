@@ -6,7 +6,6 @@ from enum import StrEnum
 from itertools import chain
 from math import inf
 from operator import attrgetter
-from typing import Any
 
 from tca_tools.spans import Span, lanes
 from tca_tools.terminal import cut
@@ -42,12 +41,11 @@ class Ending(StrEnum):
     KILLED = "killed"  # its handler was at work when it was killed
 
 
-CONNECTED = "connected"
-MARKED = {
-    Ending.FAILED: "failure raised beside the handler",
-    Ending.COPED: "failure raised beside the handler, and handled",
-    Ending.NONE: "request of a client, or its answer",
-}
+CONNECTED, CURVE = "connected", "curve"
+MARKED = {Ending.FAILED: "mark-failed", Ending.COPED: "mark-coped", Ending.NONE: "mark-request"}
+"""The names of marks."""
+FLAGGED = (Ending.FAILED, Ending.COPED, Ending.RESOLVED)
+"""What has a flag, the worst first."""
 MEANINGS: dict[str, str] = {
     BarKind.HANDLED: "handling",
     BarKind.WAITING: "waiting for a reply, task or lock",
@@ -63,9 +61,15 @@ MEANINGS: dict[str, str] = {
     Ending.COPED: "failed, and handled",
     Ending.RESOLVED: str(Outcome.RESOLVED),
     Ending.KILLED: "killed",
-    **{words: words for words in MARKED.values()},
+    "mark-failed": "failure raised beside the handler",
+    "mark-coped": "failure raised beside the handler, and handled",
+    "mark-request": "request of a client, or its answer",
+    CURVE: "how many are queued or suspended",
+    "flag-failed": "here something failed",
+    "flag-coped": "here something failed, and was handled",
+    "flag-resolved": f"here something failed, and is {Outcome.RESOLVED}",
 }
-"""The legend of a chart: what is to be seen in it, and what that means."""
+"""The legend of a chart: what is to be seen in it, by the name of its look (see ``chart.css``), and what that means."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +88,8 @@ class Bar:
     name: str
     start: float
     end: float
-    told: Callable[..., str] = str
-    about: tuple[Any, ...] = ()
-    """The function that tells all there is to say about it, and its arguments."""
+    title: Callable[[], str] = str
+    """Tells all there is to say about it."""
     kind: BarKind = BarKind.HANDLED
     is_open: bool = False
     """Whether it went on when the journal ended."""
@@ -109,10 +112,6 @@ class Bar:
     """A label where the name has no room."""
     parts: "Sequence[Bar]" = ()
     """The bars for which it stands, if they are too narrow to be drawn one by one."""
-
-    def title(self) -> str:
-        """All there is to say about it."""
-        return self.told(*self.about)
 
     @property
     def ahead(self) -> tuple[float, float] | None:

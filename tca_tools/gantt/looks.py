@@ -1,9 +1,10 @@
-"""How a chart looks: a colour for each message, those of endings, sizes and styles."""
+"""How a chart looks: a colour for each message, sizes and styles."""
 
 import colorsys
+from pathlib import Path
 
 from tca_tools.drawing import svg
-from tca_tools.gantt.chart import Ending, ResourceRow
+from tca_tools.gantt.chart import ResourceRow
 from tca_tools.terminal import cut
 from tca_wire.text.printable import printable
 
@@ -13,28 +14,7 @@ CHARACTER = 6.5
 LONGEST_LABEL = 40
 _WIDEST = 1.2
 """How much wider than usual letters are where a machine has none of the fonts that are asked for."""
-COLOURS = {
-    Ending.FAILED: "#c81e1e",
-    Ending.COPED: "#f0a500",
-    Ending.RESOLVED: "#bdbb00",
-    Ending.KILLED: "#10161d",
-    Ending.NONE: "#10161d",
-}
-"""That of what was handled is brighter than all of messages, of which some are orange or gold."""
-AHEAD = "#7ab4f0"
-"""What ran ahead of its state, as in figure 7 of the paper."""
-OWN_STYLE = f"""\
-.on {{ fill: #ffffff; font-size: 11px; }} .connected {{ fill: #f1f3f5; }} .in {{ font-size: 11px; }}
-.failed {{ fill: none; stroke: {COLOURS[Ending.FAILED]}; stroke-width: 2; }}
-.coped {{ fill: none; stroke: {COLOURS[Ending.COPED]}; stroke-width: 2; }}
-.resolved {{ fill: none; stroke: {COLOURS[Ending.RESOLVED]}; stroke-width: 2; }}
-.number {{ fill: #3e4c59; font-size: 11px; }}
-.number {{ stroke: #f1f3f5; stroke-width: 4px; stroke-linejoin: round; paint-order: stroke; }}
-.before {{ text-anchor: end; }} .after {{ text-anchor: start; }}
-.killed {{ stroke: {COLOURS[Ending.KILLED]}; stroke-width: 3; }}
-.label {{ text-anchor: end; }} .beside {{ opacity: 0.4; }}
-.ahead {{ fill: {AHEAD}; stroke: #ffffff; stroke-width: 0.8; }} .wasted {{ fill: url(#wasted); }}
-.locked {{ fill: #f6c9c5; }} .reserved {{ fill: #f9e3b4; }}"""
+OWN_STYLE = Path(__file__).with_name("chart.css").read_text()
 STYLE = svg.STYLE + OWN_STYLE
 
 _DARK = (  # none is red: that means a failure

@@ -16,7 +16,7 @@ _HIGHEST, _LOWEST = 30.0, 16.0
 _HATCHED = 14.0
 """Pixels: of a bar whose hatching can be seen."""
 _BESIDE = 6.0
-CURVE = "#7b8794"
+_CURVE = 'class="curve"'
 
 
 def is_curve(row: ResourceRow, scale: Scale) -> bool:
@@ -46,7 +46,7 @@ def curve(row: ResourceRow, scale: Scale, column: float, top: float) -> Iterator
         height = max((tall - 4) * number / most, 1.0)
         title = f"at most {number} {row.queue_kind} {from_to(start, end)}"
         y = top + tall - 2 - height
-        yield rectangle(f'fill="{CURVE}"', scale.x(start), y, scale.x(end), height, title)
+        yield rectangle(_CURVE, scale.x(start), y, scale.x(end), height, title)
     if lanes_of(row.queued) > 1:
         said = f"up to {most} {row.queue_kind}"
         room = width_of(said)

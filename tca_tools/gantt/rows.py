@@ -8,8 +8,8 @@ from operator import attrgetter, itemgetter
 from tca_tools.drawing.svg import UNTOUCHED, line, lines, rectangle, text, words
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.blocks import in_blocks, share_of
-from tca_tools.gantt.chart import Bar, Chart, Ending, ResourceRow, lanes_of
-from tca_tools.gantt.looks import CHARACTER, COLOURS, dark, light, row_label
+from tca_tools.gantt.chart import FLAGGED, MARKED, Bar, Chart, Ending, ResourceRow, lanes_of
+from tca_tools.gantt.looks import CHARACTER, dark, light, row_label
 from tca_tools.gantt.queues import MOST_QUEUE_LANES, QUEUE_LANE, curve, is_curve, queue_height
 from tca_tools.terminal import columns_of
 from tca_wire.text.measures import from_to
@@ -87,7 +87,7 @@ class Painter:
             yield from self._marks(row.queued, below, QUEUE_LANE, MOST_QUEUE_LANES)
         yield from self._marks(row.handled, top, _LANE, _MOST_LANES)
         yield from self._held(row, below + self._queue_height(row))
-        for ending in (Ending.RESOLVED, Ending.COPED, Ending.FAILED):  # red flags lie over others
+        for ending in reversed(FLAGGED):  # red flags lie over others
             yield from self._flags(row, ending, top - _FLAG_ABOVE)
 
     def _queue_height(self, row: ResourceRow) -> float:
@@ -127,7 +127,7 @@ class Painter:
                 place = number, round(x / self._scale.finest)
                 if place not in drawn:
                     drawn.add(place)
-                    look, y, left = f'fill="{COLOURS[mark.ending]}"', top + number * lane, x - _STROKE / 2
+                    look, y, left = f'class="{MARKED[mark.ending]}"', top + number * lane, x - _STROKE / 2
                     yield rectangle(look, left, y - 1, left + _STROKE, lane + 1, mark.title)
 
     def _queue(self, bars: list[Bar], top: float) -> Iterator[str]:
@@ -185,11 +185,11 @@ class Painter:
         """A frame around what failed, a dark end of what was killed; a foot of what is too narrow for that."""
         thin = 1.5 * self._scale.finest
         if bar.ending and right - left <= _FRAMED:
-            look, top = f'fill="{COLOURS[bar.ending]}"', y + _BAR - _FOOT
+            look, top = f'class="ink-{bar.ending}"', y + _BAR - _FOOT
             yield rectangle(look, left, top, max(right, left + thin), _FOOT)
         elif bar.ending is Ending.KILLED:
             x = right - thin
-            yield line("killed", x, y, x, y + _BAR)
+            yield line("end", x, y, x, y + _BAR)
         elif bar.ending:
             yield rectangle(f'class="{bar.ending}"', left, y, right, _BAR)
 
@@ -218,7 +218,7 @@ class Painter:
             if len(some) > 1:
                 title = f"{len(some)} failures {from_to(first, last)}, first: {title}"
             x = self._scale.x((first + last) / 2)
-            look = f'class="flag" fill="{COLOURS[ending]}" d="M{x - 4:.2f} {y:.1f} h8 l-4 7 z"'
+            look = f'class="flag ink-{ending}" d="M{x - 4:.2f} {y:.1f} h8 l-4 7 z"'
             yield f"<path {look}><title>{lines(title)}</title></path>"
 
 

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import inf
 from statistics import median
 
 from tca_tools.drawing.page import wide_page
 from tca_tools.drawing.svg import document, line, width_of, words
 from tca_tools.gantt.axis import Scale, ticks
 from tca_tools.gantt.chart import Chart
-from tca_tools.gantt.legend import legend, meanings, patterns
+from tca_tools.gantt.legend import HATCHINGS, legend, meanings, patterns
 from tca_tools.gantt.looks import MARGIN, OWN_STYLE, STYLE, label_room
 from tca_tools.gantt.rows import Painter
 
@@ -17,10 +18,10 @@ _USUAL_BAR = 8.0
 """The chart is made wide enough for half of the bars to be that wide, within the limits above."""
 _ROW_GAP, _AXIS, _TITLE = 14.0, 26.0, 22.0
 _TICK_DISTANCE = 90.0
-_DEPTHS = (1, 4, 16)
-"""A page can be zoomed: what only shows when it is that much wider is in it from the beginning."""
-_MOST_SHAPES = {4: 80_000, 16: 20_000}
-"""How many bars a page may have to show so much detail: it must not be too large for a browser."""
+_MOST_SHAPES = {1: inf, 4: 80_000, 16: 20_000}
+"""A page can be zoomed: what only shows when it is so many times wider is in it from the beginning, unless it has more
+bars than that: it must not be too large for a browser.
+"""
 _WINDOW = 1200.0
 """A width that most windows have."""
 _PAGE = 1000.0
@@ -31,11 +32,8 @@ _PAGE = 1000.0
 class Pieces:
     """A chart in pieces, for whoever puts them together."""
 
-    head: str
     meanings: list[tuple[str, str]]
     """The squares of its legend, and what each means."""
-    head_width: float
-    head_height: float
     labels: str
     label_width: float
     plot: str
@@ -46,25 +44,29 @@ class Pieces:
 
 def svg_text(chart: Chart, title: str) -> str:
     """The whole picture, as a document of its own."""
-    pieces = pieces_of(chart, title)
-    left, top = MARGIN + pieces.label_width, pieces.head_height
-    width, height = left + pieces.plot_width + MARGIN, top + pieces.height + MARGIN / 2
+    pieces = pieces_of(chart)
+    left = MARGIN + pieces.label_width
+    width = left + pieces.plot_width + MARGIN
+    head, top = _head(pieces, title, width)
     body = [
-        pieces.head,
+        *head,
         f'<g transform="translate({MARGIN:.0f} {top:.1f})">{pieces.labels}</g>',
         f'<g transform="translate({left:.1f} {top:.1f})">{pieces.plot}</g>',
     ]
-    return document(width, height, title, OWN_STYLE, body)
+    return document(width, top + pieces.height + MARGIN / 2, title, OWN_STYLE, body)
 
 
 def page_text(chart: Chart, title: str) -> str:
     """The chart as a page that can be zoomed."""
-    pieces = pieces_of(chart, title, can_zoom=True, widest=_PAGE)
-    left = MARGIN + pieces.label_width
-    head = _svg(pieces.head_width, pieces.head_height, f"<style>{STYLE}</style>{pieces.head}")
+    pieces = pieces_of(chart, can_zoom=True, widest=_PAGE)
+    head, top = _head(pieces, title, _WINDOW)
     shifted = f'<g transform="translate({MARGIN:.0f} 0)">{pieces.labels}</g>'
-    labels = _svg(left, pieces.height, shifted)
-    return wide_page(title, head, labels, _svg(pieces.plot_width, pieces.height, pieces.plot))
+    return wide_page(
+        title,
+        _svg(_WINDOW, top, "\n".join([f"<style>{STYLE}</style>", *head])),
+        _svg(MARGIN + pieces.label_width, pieces.height, shifted),
+        _svg(pieces.plot_width, pieces.height, pieces.plot),
+    )
 
 
 def _svg(width: float, height: float, inner: str) -> str:
@@ -72,14 +74,14 @@ def _svg(width: float, height: float, inner: str) -> str:
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{inner}</svg>'
 
 
-def pieces_of(chart: Chart, title: str, *, can_zoom: bool = False, widest: float = _WIDEST) -> Pieces:
+def pieces_of(chart: Chart, *, can_zoom: bool = False, widest: float = _WIDEST) -> Pieces:
     """The chart in pieces; *can_zoom*: with what shows only when the plot is made wider than *widest* (pixels)."""
     width = min(_plot_width(chart), widest)
     label_width = max((label_room(row) for row in chart.rows), default=0.0) + 12
     bars_at_all = sum(len(row.handled) + len(row.queued) for row in chart.rows)
-    zooms = [depth for depth, most in _MOST_SHAPES.items() if can_zoom and bars_at_all <= most]
-    depths = (1, *zooms)
-    scale = Scale(width, chart.start, chart.end, depths)
+    depths = tuple(_MOST_SHAPES)[: None if can_zoom else 1]
+    fine = [depth for depth in depths if bars_at_all <= _MOST_SHAPES[depth]]
+    scale = Scale(width, chart.start, chart.end, tuple(fine))
     painter = Painter(chart, scale)
     labels: list[str] = []
     bands: list[str] = []
@@ -90,13 +92,9 @@ def pieces_of(chart: Chart, title: str, *, can_zoom: bool = False, widest: float
         bands += painter.band(row, bottom)
         bars += painter.bars(row, bottom)
         bottom += painter.height(row) + _ROW_GAP
-    meant = meanings(chart, scale)
-    head_width = _WINDOW if can_zoom else MARGIN * 2 + label_width + width
-    head, head_height = _head(chart, meant, title, head_width)
-    grid = _grid(scale, bottom, _DEPTHS if can_zoom else _DEPTHS[:1])
+    grid = _grid(scale, bottom, depths)
     plot = "\n".join([patterns(chart), *bands, *grid, *bars])
-    names = "\n".join(labels)
-    return Pieces(head, meant, head_width, head_height, names, label_width, plot, width, bottom)
+    return Pieces(meanings(chart, scale), "\n".join(labels), label_width, plot, width, bottom)
 
 
 def _plot_width(chart: Chart) -> float:
@@ -108,11 +106,10 @@ def _plot_width(chart: Chart) -> float:
     return min(max(wanted, _NARROWEST), _WIDEST)
 
 
-def _head(chart: Chart, meant: list[tuple[str, str]], title: str, width: float) -> tuple[str, float]:
+def _head(pieces: Pieces, title: str, width: float) -> tuple[list[str], float]:
     """Title and legend, and how high they are."""
-    lines, bottom = legend(meant, width, MARGIN + _TITLE)
-    heading = words("title", MARGIN, MARGIN + 6, title)
-    return "\n".join([patterns(chart, of_names=False), heading, *lines]), bottom
+    squares, height = legend(pieces.meanings, width, MARGIN + _TITLE)
+    return [HATCHINGS, words("title", MARGIN, MARGIN + 6, title), *squares], height
 
 
 def _grid(scale: Scale, bottom: float, depths: tuple[int, ...]) -> Iterator[str]:

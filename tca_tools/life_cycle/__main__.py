@@ -4,15 +4,13 @@ from pathlib import Path
 
 import click
 
-from tca_tools.drawing.graphviz import drawn
-from tca_tools.drawing.page import zoomed_page
+from tca_tools.drawing.pictures import write_graph
 from tca_tools.life_cycle.dot import dot_source
 from tca_tools.life_cycle.found import meant
 from tca_tools.life_cycle.table import table_lines
 from tca_tools.options import check_output, force_option, log_argument, output_option
-from tca_tools.output import made_for, show_text, write_output
+from tca_tools.output import show_text
 from tca_tools.terminal import line_width
-from tca_wire.life_cycles import LifeCycle
 
 KINDS = (".svg", ".png", ".pdf", ".html", ".dot", ".txt")
 
@@ -39,18 +37,7 @@ def lifecycle(what: str, log_path: Path | None, output: Path | None, *, force: b
     if len(found) > 1:
         names = ", ".join(one.name for one in found)
         raise click.UsageError(f"{what} has {len(found)} life cycles ({names}): a diagram shows one")
-    write_output(output, _picture(found[0], output))
-
-
-def _picture(life_cycle: LifeCycle, output: Path) -> str | bytes:
-    source, kind = dot_source(life_cycle), output.suffix[1:]
-    if kind == "dot":
-        return source
-    with made_for(output):
-        picture = drawn(source, "svg" if kind == "html" else kind)
-    if kind == "html":
-        return zoomed_page(f"life cycle '{life_cycle.name}'", picture.decode())
-    return picture
+    write_graph(output, dot_source(found[0]), f"life cycle '{found[0].name}'")
 
 
 if __name__ == "__main__":

@@ -47,8 +47,8 @@ _MORE_KEYS = (
     ("shift+left,ctrl+left", f"step({-_FAR})", f"{_FAR} messages back"),
     ("pageup", "scroll_story(-1)", "back in the story"),
     ("pagedown", "scroll_story(1)", "on in the story"),
-    ("home", "go_to_start", "the first message"),
-    ("end", "go_to_end", "the last message"),
+    ("home", f"step({-sys.maxsize})", "the first message"),
+    ("end", f"step({sys.maxsize})", "the last message"),
 )
 """The actions of keys, while nothing is typed: those that are named below the panes, and others, which ``?`` names."""
 
@@ -61,19 +61,7 @@ _QUESTIONS = {
 class Replay(App[None]):
     """A run, message by message."""
 
-    CSS = """
-    #bar { height: 2; padding: 0 1; background: $panel; }
-    #main { height: 2fr; }
-    #tree, #story, #messages { border: round $primary; padding: 0 1; height: 1fr; }
-    #tree { width: 2fr; scrollbar-size-horizontal: 0; }
-    #story { width: 1fr; }
-    #standing { height: auto; max-height: 60%; margin-bottom: 1; }
-    #sentences { background: transparent; scrollbar-size: 1 0; }
-    .-narrow #main { layout: vertical; height: 3fr; }
-    .-narrow #tree, .-narrow #story { width: 100%; height: 1fr; }
-    #ask { display: none; height: 3; }
-    #ask.asked { display: block; }
-    """
+    CSS_PATH = "app.tcss"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (_LEAST_BESIDE, "-wide")]  # noqa: RUF012 - the base class has it so
     BINDINGS: ClassVar = [
         *(Binding(key, action, words, priority=True) for key, action, words in _KEYS),
@@ -107,10 +95,10 @@ class Replay(App[None]):
 
     def compose(self) -> ComposeResult:
         """The panes."""
-        panes = TreePane(), StoryPane(self.recording), MessagesPane(self.recording)
+        panes = TreePane(self._select), StoryPane(self.recording), MessagesPane(self.recording)
         for pane, title in zip(panes, ("task tree", "story", "messages"), strict=True):
             pane.border_title = title
-        yield TimeBar(self.recording)
+        yield TimeBar(self.recording, self._hold_at)
         with Vertical():
             with Horizontal(id="main"):
                 yield from panes[:2]
@@ -151,7 +139,7 @@ class Replay(App[None]):
         rows = rows_at(at, self.selected, self._opened)
         self.query_one(TreePane).show(rows, at, self.selected)
         self.query_one(StoryPane).show(self.selected, at)
-        self.query_one(MessagesPane).show(self.place)
+        self.query_one(MessagesPane).place = self.place
         heading = (
             self.title,
             f"{recording.time(self.place):.3f} s of {recording.time(recording.last):.3f} s",
@@ -160,7 +148,8 @@ class Replay(App[None]):
             f"{'playing' if self.is_playing else 'paused'}{' backwards' * (self.direction < 0)}, speed {self.speed:g}",
             said,
         )
-        self.query_one(TimeBar).show(self.place, "   ".join(heading))
+        bar = self.query_one(TimeBar)
+        bar.place, bar.said = self.place, "   ".join(heading)
 
     def _about(self) -> int:
         """The task that the event at the cursor is about: the one that failed, or whose question did; or the first that
@@ -188,8 +177,11 @@ class Replay(App[None]):
 
     def action_step(self, step: int) -> None:
         """Go to the next message, or to the one before."""
+        self._hold_at(self.place + step)
+
+    def _hold_at(self, place: int) -> None:
         self.is_playing = False
-        self.go_to(self.place + step)
+        self.go_to(place)
 
     def action_play(self) -> None:
         """Let time pass, or hold it; at the end, begin again."""
@@ -228,18 +220,6 @@ class Replay(App[None]):
             self.action_show_help_panel()
         self.on_resize()
 
-    def action_go_to_start(self) -> None:
-        """Go to the first event."""
-        self.action_step(-self.place)
-
-    def action_go_to_end(self) -> None:
-        """Go to the last event."""
-        self.action_step(self.recording.last)
-
-    def on_time_bar_wanted(self, wanted: TimeBar.Wanted) -> None:
-        """The bar of time was clicked."""
-        self.action_step(wanted.place - self.place)
-
     # --- choosing ----------------------------------------------------------------------------------------------------
 
     def action_select(self, step: int) -> None:
@@ -249,10 +229,6 @@ class Replay(App[None]):
         if tasks:
             place = tasks.index(self.selected) + step if self.selected in tasks else 0
             self._select(tasks[min(max(place, 0), len(tasks) - 1)])
-
-    def on_tree_pane_chosen(self, chosen: TreePane.Chosen) -> None:
-        """A task was clicked."""
-        self._select(chosen.task)
 
     def _select(self, task: int) -> None:
         self.selected, self.follows = task, False

@@ -10,7 +10,7 @@ from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.events import Click, Key
 from textual.geometry import Region, Size
-from textual.message import Message
+from textual.reactive import reactive
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 from textual.widget import Widget
@@ -54,15 +54,9 @@ def colour_of(standing: str) -> str:
 class TreePane(ScrollView, can_focus=False):
     """The task tree as it was, a line a task. Only lines that are seen are drawn."""
 
-    class Chosen(Message):
-        """A task was clicked."""
-
-        def __init__(self, task: int) -> None:
-            super().__init__()
-            self.task = task
-
-    def __init__(self) -> None:
+    def __init__(self, choose: Callable[[int], object]) -> None:
         super().__init__(id="tree")
+        self._choose = choose
         self.rows: list[Row] = []
         self.at: RunAt | None = None
         self.selected = 0
@@ -112,25 +106,22 @@ class TreePane(ScrollView, can_focus=False):
         offset = event.get_content_offset(self)
         place = offset.y + int(self.scroll_offset.y) if offset else len(self.rows)
         if place < len(self.rows) and (task := self.rows[place].task):
-            self.post_message(self.Chosen(task.id))
+            self._choose(task.id)
 
 
 class MessagesPane(Widget):
     """The messages around the cursor, a line a fact; those of the event at the cursor stand out."""
 
+    place = reactive(0)
+    """The cursor."""
+
     def __init__(self, recording: Recording) -> None:
         super().__init__(id="messages")
         self._recording = recording
-        self._place = 0
-
-    def show(self, place: int) -> None:
-        """Show what is around another event."""
-        self._place = place
-        self.refresh()
 
     def render(self) -> Text:
         """As many lines as there is room for."""
-        room, here = max(self.size.height, 1), self._place
+        room, here = max(self.size.height, 1), self.place
         end = len(self._recording.events)
         above: list[Text] = []
         for place in range(here - 1, -1, -1):
@@ -142,13 +133,13 @@ class MessagesPane(Widget):
         return Text("\n").join(lines[:room])
 
     def _lines(self, place: int) -> list[Text]:
-        recording, plain = self._recording, "bold" if place == self._place else "dim"
-        time = f"{'>' if place == self._place else ' '}{recording.time(place):9.3f}  "
+        recording, plain = self._recording, "bold" if place == self.place else "dim"
+        time = f"{'>' if place == self.place else ' '}{recording.time(place):9.3f}  "
         lines = []
         for number, fact in zip(count(), recording.events[place], strict=False):
             said = f"{kind_of(fact):15} {printable(first_line(recording.wording.words(fact)))}  "
             said = (said + data_text(getattr(fact, "body", b""))).rstrip()
-            tint = _TINTS[recording.is_bad_news(place, fact, self._place)]
+            tint = _TINTS[recording.is_bad_news(place, fact, self.place)]
             start = " " * len(time) if number else time
             lines.append(Text.assemble((start, plain), (said, tint or plain)))
             lines[-1].truncate(max(self.size.width, 1), overflow="ellipsis")
@@ -209,23 +200,15 @@ class StoryPane(Vertical):
 class TimeBar(Widget):
     """From the beginning to the end: where the cursor is, where something failed. A click goes there."""
 
-    class Wanted(Message):
-        """A place was clicked."""
+    place = reactive(0)
+    """The cursor."""
+    said = reactive("")
+    """The words above."""
 
-        def __init__(self, place: int) -> None:
-            super().__init__()
-            self.place = place
-
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: Recording, go_to: Callable[[int], object]) -> None:
         super().__init__(id="bar")
         self._recording = recording
-        self._place = 0
-        self._said = ""
-
-    def show(self, place: int, said: str) -> None:
-        """Move the cursor."""
-        self._place, self._said = place, said
-        self.refresh()
+        self._go_to = go_to
 
     def _column(self, place: int) -> int:
         last, time = self.size.width - 1, self._recording.time(place)
@@ -234,14 +217,14 @@ class TimeBar(Widget):
 
     def render(self) -> Text:
         """The words above, the bar below."""
-        width, here = max(self.size.width, 1), self._column(self._place)
+        width, here = max(self.size.width, 1), self._column(self.place)
         bar = Text("━" * here + "●" + "─" * (width - here - 1), style="cyan")
         failures = self._recording.failures.items()
         for place, is_bad in sorted(failures, key=itemgetter(1)):  # red over others
             column = self._column(place)
             bar.stylize("bold red" if is_bad else f"bold {_HANDLED}", column, column + 1)
         bar.stylize("bold white", here, here + 1)
-        said = Text(self._said, style="bold")
+        said = Text(self.said, style="bold")
         said.truncate(width, overflow="ellipsis")
         return Text("\n").join([said, bar])
 
@@ -250,7 +233,7 @@ class TimeBar(Widget):
         if offset := event.get_content_offset(self):
             start, end = self._recording.span
             wanted = start + (end - start) * offset.x / max(self.size.width - 1, 1)
-            self.post_message(self.Wanted(self._recording.place_of(wanted)))
+            self._go_to(self._recording.place_of(wanted))
 
 
 class Question(Input):

@@ -9,6 +9,9 @@ from tca_tools.journal.fold import folded
 from tca_tools.journal.journals import Log, open_log
 from tca_tools.options import check_output, force_option, log_argument, output_option
 from tca_tools.output import write_output
+from tca_tools.report.contents import contents
+from tca_tools.report.pictures import gantt, strips
+from tca_tools.report.tree import tree
 
 
 @click.command()
@@ -22,31 +25,24 @@ def report(log_path: Path | None, output: Path, *, force: bool) -> None:
     """
     check_output(output, (".html", ".htm"), force=force)
     with extra("report", "a report"):
-        import jinja2  # noqa: F401, PLC0415 - an extra
+        from tca_tools.report.page import page  # noqa: PLC0415 - it needs an extra
     journal = open_log(log_path)
-    text = _page(journal)
+    history = folded(journal)
+    found = contents(history)
+    pictures = gantt(history, found), strips(history, found)
+    text = page(journal.name, _damage(journal), found, tree(history), *pictures)
     write_output(output, text)
     click.echo(f"{output}: {len(text.encode()) / 1e6:.1f} MB")
     journal.check()
 
 
-def _page(journal: Log) -> str:
-    from tca_tools.report.contents import contents  # noqa: PLC0415 - these import the extra
-    from tca_tools.report.page import page  # noqa: PLC0415
-    from tca_tools.report.pictures import gantt, strips  # noqa: PLC0415
-    from tca_tools.report.tree import tree  # noqa: PLC0415
-
-    history = folded(journal)
+def _damage(journal: Log) -> str:
+    """Why not all of it could be read."""
     try:
         journal.check()
-        damage = ""
     except DamagedLog as error:
-        damage = error.message
-    found = contents(history)
-    is_plain = journal.name == "journal"  # it is known by the directory that it is in
-    name = f"{journal.path.resolve().parent.name}/journal" if is_plain else journal.name
-    pictures = gantt(history, found), strips(history, found)
-    return page(name, damage, found, tree(history), *pictures)
+        return error.message
+    return ""
 
 
 if __name__ == "__main__":

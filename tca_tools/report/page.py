@@ -9,12 +9,13 @@ from markupsafe import Markup
 
 from tca_tools.analysis.failures import Case
 from tca_tools.analysis.long_waits import KINDS as HEADINGS
+from tca_tools.gantt.legend import HATCHINGS
 from tca_tools.gantt.looks import STYLE
 from tca_tools.journal.fates import GOOD_FATES, HANDLED, Fate
 from tca_tools.journal.records import TaskState
 from tca_tools.report.contents import CASES, KINDS, Contents
 from tca_tools.report.pictures import Gantt, Strip
-from tca_tools.report.tree import Tree, spans
+from tca_tools.report.tree import DEEPEST, Tree, spans
 from tca_tools.tasktree_viz import words
 from tca_tools.terminal import cut
 from tca_wire.text.measures import counted, duration, percent, run_time
@@ -42,7 +43,7 @@ def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | Non
             fate_class=lambda fate: _FATES.get(fate, "good" if fate in GOOD_FATES else "bad"),
             kinds_of_waits=HEADINGS, longest_said=_LONGEST_SAID, kinds_shown=KINDS, cases_shown=CASES,
             whole_texts=_whole_texts, role=words.role, note=words.note, folded=words.folded, spans=spans,
-            chart_style=STYLE,
+            deepest=DEEPEST, chart_style=STYLE, hatchings=HATCHINGS,
         )
     )  # fmt: skip
 

@@ -1,12 +1,10 @@
 """The pictures of a report, as SVG: a Gantt chart of the run or of a telling part, and how busy resources were."""
 
 from bisect import bisect_left
-from math import ceil
 from typing import NamedTuple
 
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.chart import Chart
-from tca_tools.gantt.legend import patterns
 from tca_tools.gantt.svg import Pieces, pieces_of
 from tca_tools.journal.fates import GOOD_FATES
 from tca_tools.journal.fold import History
@@ -15,49 +13,18 @@ from tca_tools.spans import Cover
 
 _BARS_AT_MOST = 2500
 """A chart of more is of a part of the run."""
-_EDGE = 14
-"""Pixels at either side of the plot, where times and arrows may stand out."""
 _WIDEST = 1300.0
 """Pixels of a plot, which is seen on most screens without scrolling."""
-_PAPER = 1250
-"""Pixels across a sheet on which letters are still legible."""
 _STRIPS, _CELLS = 24, 240
 
 
 class Gantt(NamedTuple):
-    """A Gantt chart: labels and plot, which stand side by side and are as wide as their letters need."""
+    """A Gantt chart."""
 
     chart: Chart
     pieces: Pieces
     why: str
     """Why this part is shown, if it is one."""
-
-    @property
-    def plot(self) -> str:
-        """The plot, with room at both its edges."""
-        return f'{patterns(self.chart, of_names=False)}<g transform="translate({_EDGE} 0)">{self.pieces.plot}</g>'
-
-    @property
-    def label_width(self) -> int:
-        """In pixels."""
-        return ceil(self.pieces.label_width)
-
-    @property
-    def plot_width(self) -> int:
-        """In pixels."""
-        return ceil(self.pieces.plot_width) + 2 * _EDGE
-
-    @property
-    def width(self) -> int:
-        """Of labels and plot."""
-        return self.label_width + self.plot_width
-
-    @property
-    def strips(self) -> list[tuple[float, float]]:
-        """The plot in parts that fit on a sheet of paper beside the labels: where each begins, and how wide it is."""
-        number = ceil(self.plot_width / max(_PAPER - self.label_width, _PAPER / 2))
-        width = self.plot_width / number
-        return [(n * width, width) for n in range(number)]
 
 
 class Strip(NamedTuple):
@@ -76,7 +43,7 @@ def gantt(history: History, found: Contents) -> Gantt | None:
     if len(history.handlings) + len(history.queueings) > _BARS_AT_MOST:
         middle, why = _telling(found)
         drawing = chart(history, *_window(history, middle))
-    return Gantt(drawing, pieces_of(drawing, "", widest=_WIDEST), why)
+    return Gantt(drawing, pieces_of(drawing, widest=_WIDEST), why)
 
 
 def _telling(found: Contents) -> tuple[float, str]:

@@ -12,28 +12,10 @@ from tca_wire.points import Interval
 SHOWN_AT_MOST = 800
 _BESIDE_AT_MOST = 200
 """Of more tasks side by side, long runs of one state are folded."""
-_DEEPEST = 40
+DEEPEST = 40
 """Deeper tasks nest no further: browsers don't."""
 _ALL_OPEN = 60
 """A tree of no more tasks is shown unfolded."""
-
-
-@dataclass(slots=True)
-class TreeNode:
-    """A task, or several that are not shown."""
-
-    level: int
-    """How deep it nests in the page."""
-    row: Row
-    is_parent: bool
-    is_open: bool
-    closes: int
-    """How many levels end before it."""
-
-    @property
-    def task(self) -> TaskAt | None:
-        """The task."""
-        return self.row.task
 
 
 @dataclass(frozen=True)
@@ -41,10 +23,10 @@ class Tree:
     """The rows of a tree."""
 
     at: RunAt
-    nodes: list[TreeNode]
-    closes: int
-    """How many levels end after the last."""
-    total: int
+    below: dict[int, list[Row]]
+    """The rows that nest in the page in that of a number; in -1 those at the top."""
+    opened: set[int]
+    """The tasks that are shown unfolded."""
     shown: int
 
 
@@ -54,17 +36,13 @@ def tree(run: Run, shown_at_most: int = SHOWN_AT_MOST) -> Tree:
     whole = outline(at, shown_at_most, min(_BESIDE_AT_MOST, shown_at_most))
     rows = excerpt(at, whole, 2 * shown_at_most)
     opened = set(at.tasks) if len(at.tasks) <= _ALL_OPEN else _with_trouble(at)
-    nodes: list[TreeNode] = []
-    level = 0
-    for row, below in zip(rows, [*rows, None][1:], strict=True):
-        depth = min(row.depth, _DEEPEST)
-        has_below = below is not None and below.parent == row.number
-        is_parent = has_below and depth < _DEEPEST
-        is_open = row.task is not None and row.task.id in opened
-        nodes.append(TreeNode(depth, row, is_parent, is_open, level - depth))
-        level = depth + is_parent
-    shown = sum(row.task is not None for row in rows)
-    return Tree(at, nodes, level, len(at.tasks), shown)
+    below: dict[int, list[Row]] = {}
+    nests_in = {-1: -1}
+    for row in rows:
+        place = nests_in[row.parent]
+        below.setdefault(place, []).append(row)
+        nests_in[row.number] = row.number if row.depth < DEEPEST else place
+    return Tree(at, below, opened, sum(row.task is not None for row in rows))
 
 
 def _with_trouble(at: RunAt) -> set[int]:

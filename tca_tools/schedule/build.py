@@ -4,6 +4,7 @@ Times are seconds since the coordinator's first task began.
 """
 
 from collections.abc import Iterator
+from functools import partial
 
 from tca_tools.gantt.chart import MEANINGS, Bar, BarKind, Chart, ResourceRow
 from tca_tools.journal.coordinators import STANDINGS, CoordinatorRecord, SentByCoordinator, coordinators, worked
@@ -60,8 +61,8 @@ def _box(run: Run, one: SentByCoordinator, span: Span, zero: float) -> Bar:
     values = _values(task)
     words = "undo " * (one.role() is TaskRole.RESTORING) + task.name
     words += f"({values})" * bool(values)
-    about = task, one, start, end
-    box = Bar(words, start, end, _title, about, is_open=not task.has_ended, brief=values)
+    title = partial(_title, task, one, start, end)
+    box = Bar(words, start, end, title, is_open=not task.has_ended, brief=values)
     if one.is_early:
         box.ahead_until, box.is_wasted = one.entered - zero, one.is_wasted
     return box
@@ -87,5 +88,5 @@ def _gaps(boxes: list[Bar], seconds: float) -> Iterator[Bar]:
     last = 0.0
     for start, end in [*sorted((box.start, box.end) for box in boxes), (seconds, seconds)]:
         if start > last:
-            yield Bar("w", last, start, "waits {}".format, (duration(start - last),), BarKind.IDLE)
+            yield Bar("w", last, start, partial("waits {}".format, duration(start - last)), BarKind.IDLE)
         last = max(last, end)

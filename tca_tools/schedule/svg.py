@@ -1,13 +1,14 @@
 """Schedules as a picture, as figure 7 of the paper on preview coordination has them."""
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from textwrap import wrap
 
 from tca_tools.drawing.svg import UNTOUCHED, document, line, rectangle, width_of, words
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.chart import Bar, BarKind, Chart
-from tca_tools.gantt.legend import HATCHING, legend
-from tca_tools.gantt.looks import AHEAD, MARGIN
+from tca_tools.gantt.legend import HATCHINGS, legend
+from tca_tools.gantt.looks import MARGIN
 from tca_tools.schedule.build import LEGEND, heading
 from tca_wire.coordination import TaskRole
 from tca_wire.text.measures import duration
@@ -23,12 +24,7 @@ _LOOKS: dict[str, str] = {
     TaskRole.WASTED: 'class="wasted"',
     BarKind.IDLE: 'class="idle"',
 }
-_STYLE = f"""\
-.block {{ font-weight: bold; }} .label {{ text-anchor: end; }} .words {{ text-anchor: middle; }}
-.box {{ fill: #e4e7eb; stroke: #1f2933; }} .idle {{ fill: #ffffff; stroke: #c5cbd3; }}
-.ahead {{ fill: {AHEAD}; stroke: #1f2933; }} .wasted {{ fill: url(#wasted); stroke: #1f2933; }}
-.axis {{ stroke: #1f2933; }} .pale {{ fill: #7b8794; }}
-.halo {{ stroke: #ffffff; stroke-width: 3px; stroke-linejoin: round; paint-order: stroke; }}"""
+_STYLE = Path(__file__).with_name("schedule.css").read_text()
 
 
 def svg_text(some: Sequence[Chart]) -> str:
@@ -52,7 +48,7 @@ def svg_text(some: Sequence[Chart]) -> str:
             y += _BLOCK
         y += 13
     body += _axis(scale, left, y - 11)
-    body.append(f"<defs>{HATCHING}</defs>")
+    body.append(HATCHINGS)
     title = ", ".join(one.title for one in some)
     return document(width, y + MARGIN + 12, title, _STYLE, body)
 

@@ -9,6 +9,7 @@ from html import escape
 from itertools import pairwise, starmap
 from operator import itemgetter
 
+from tca_tools.drawing.chart_dot import FAINT, graph
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.coordinators import STANDINGS as PREVIEWED
 from tca_tools.journal.fates import STANDINGS
@@ -24,15 +25,11 @@ from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Role
 
 FILLS = {standing: fill for standing, (fill, _) in LOOKS.items()}
-_INK, _FAINT, _HEAVY = "#1f2933", "#52606d", "#0b4f8a"
+_HEAVY = "#0b4f8a"
 _LONGEST_NAME, _LONGEST_DATA, _LONGEST_NOTE, _MOST_LINES = 36, 48, 160, 3
 _LOOKS = f"""\
-  graph [fontname="Helvetica,Arial,sans-serif", fontsize=12, fontcolor="{_INK}", labelloc=t, labeljust=l,
-    bgcolor=white, pad=0.3, nodesep=0.35, ranksep=0.45, forcelabels=true, newrank=true];
-  node [shape=box, fontname="Helvetica,Arial,sans-serif", fontsize=12, fontcolor="{_INK}", color="{_INK}",
-    penwidth=1, margin="0.12,0.06", height=0.3];
-  edge [fontname="Helvetica,Arial,sans-serif", fontsize=10, color="{_FAINT}", penwidth=0.8, arrowsize=0.6];
-"""
+graph [nodesep=0.35, ranksep=0.45, forcelabels=true, newrank=true];
+  edge [color="{FAINT}", penwidth=0.8, arrowsize=0.6];"""
 ROLES = {
     Role.EXCEPTION: ("#b3261e", "exception handler"),
     Role.LISTENER: ("#7b3fa0", "sent by a wiretap"),
@@ -56,8 +53,8 @@ _CONSTRAINT = f'color="{_HEAVY}", fontcolor="{_HEAVY}", penwidth=2.6, arrowsize=
 def dot_source(at: RunAt, rows: list[Row], title: str, *, with_data: bool = False) -> str:
     """A directed graph of the rows."""
     found = arrows(at, {row.task.id for row in rows if row.task})
-    body = "\n".join(f"  {line}" for line in _statements(at, rows, found, with_data))
-    return f"digraph tasks {{\n{_LOOKS}  label=<{_heading(rows, title, found)}>;\n{body}\n}}\n"
+    label = f"label=<{_heading(rows, title, found)}>;"
+    return graph([_LOOKS, label, *_statements(at, rows, found, with_data)], "tasks")
 
 
 def _statements(at: RunAt, rows: list[Row], found: Arrows, with_data: bool) -> Iterator[str]:
@@ -115,20 +112,20 @@ def looks_of(task: TaskAt) -> tuple[str, str] | None:
 
 def _label_lines(at: RunAt, task: TaskAt, said: list[str], with_data: bool) -> Iterator[str]:
     name = escape(cut(printable(task.name), _LONGEST_NAME))
-    yield f'{name} <font color="{_FAINT}">{{{task.id}}}</font>'
+    yield f'{name} <font color="{FAINT}">{{{task.id}}}</font>'
     times = ""  # when it was achieved or, before that is so, planned
     if span := words.span(task, Interval.ACHIEVING) or words.span(task, Interval.PLANNING):
         start, end = span
         times = f" since {start:.2f}" if end is None else f" {start:.2f}–{end:.2f}"  # noqa: RUF001 - an en dash
-    yield _small(f"{task.standing}{times}", _FAINT)
+    yield _small(f"{task.standing}{times}", FAINT)
     for one in said:
         lines = words.lines_of(printable(one), _LONGEST_NAME, _MOST_LINES)
         yield from (_small(line, _HEAVY) for line in lines)
     if task.failure or task.why_killed is not None:
         note = words.lines_of(words.note(at, task), _LONGEST_NAME, _MOST_LINES)
-        yield from (_small(line, _FAINT) for line in note)
+        yield from (_small(line, FAINT) for line in note)
     if with_data and (data := words.data(task)):
-        yield _small(cut(data, _LONGEST_DATA), _FAINT)
+        yield _small(cut(data, _LONGEST_DATA), FAINT)
 
 
 def _small(text: str, colour: str) -> str:
@@ -147,7 +144,7 @@ def _heading(rows: list[Row], title: str, found: Arrows) -> str:
     states = [state for state in STANDINGS if state in there]
     lines = [f'<font point-size="14"><b>{escape(title)}</b></font>']
     swatches = "".join(
-        f'<td bgcolor="{FILLS[state]}" border="1" color="{_FAINT}"><font point-size="10">{state}</font></td>'
+        f'<td bgcolor="{FILLS[state]}" border="1" color="{FAINT}"><font point-size="10">{state}</font></td>'
         for state in states
     )
     kinds = found.kinds

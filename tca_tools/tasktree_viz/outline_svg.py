@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from operator import attrgetter
+from pathlib import Path
 from textwrap import wrap
 
 from tca_tools.drawing import svg
@@ -35,11 +36,7 @@ _LONGEST_NAME, _LONGEST_DATA, _LONGEST_AFTER, _NOTE_COLUMNS, _NOTE_LINES = 44, 1
 _TICK_DISTANCE = 80.0
 _COMES, _ROUND = 4.5, 4.0
 """Pixels from the top of a box to where a line comes to it, and of a turn."""
-_STYLE = """\
-.name { font-size: 12px; } .note { font-size: 10.5px; fill: #52606d; }
-.guide { stroke: #b8c0ca; fill: none; } .heavy { stroke: #0b4f8a; stroke-width: 2.2; fill: none; }
-.over { stroke: #ffffff; stroke-width: 5.2; fill: none; }
-.kind { font-size: 10.5px; fill: #0b4f8a; } .tip { fill: #0b4f8a; } .planning { fill: #b9a6e8; }"""
+_STYLE = Path(__file__).with_name("outline.css").read_text()
 _JOINED = "; one that begins at several tasks: all of them before all that it leads to"
 
 

@@ -1,9 +1,9 @@
 """The HTTP server of the page. It answers from a Reading, and fetches nothing; what it does to a running central it
-does through steering.py.
+does through steering.py. Starlette calls what is no coroutine in a thread, where it may wait.
 """
 
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +12,6 @@ import click
 import msgspec
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
-from starlette.datastructures import QueryParams
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
@@ -48,39 +47,33 @@ def application(runs: Runs, hosts: list[str], steering: Steering | None = None, 
         Route("/api/frame", partial(_frame, runs)),
         Mount("/page", StaticFiles(directory=PAGE)),
     ]
-    routes += [Route(f"/api/{path}", _asked(runs, answer)) for path, answer in _ANSWERS.items()]
+    routes += [Route(f"/api/{path}", partial(_asked, runs, answer)) for path, answer in _ANSWERS.items()]
     if steering:
         routes.append(Route("/api/steer", partial(_steer, runs, steering), methods=["POST"]))
     return Starlette(routes=routes, middleware=guards(hosts, token, "tca view"))
 
 
-async def _runs(runs: Runs, _request: Request) -> Response:
+def _runs(runs: Runs, _request: Request) -> Response:
     """Those that can be chosen, newest first."""
-    return JSONResponse(await run_in_threadpool(_listed, runs))
-
-
-def _listed(runs: Runs) -> list[dict[str, Any]]:
     found = runs.all()
     last = runs.newest.address if runs.follows else found[-1].address if found else ""
-    return [
+    rows = [
         {"run": one.address, "name": one.name, "began": one.began, "isNewest": one.address == last}
         for one in reversed(found)
     ]
+    return JSONResponse(rows)
 
 
-async def _outcome(outcomes: Outcomes, request: Request) -> Response:
+def _outcome(outcomes: Outcomes, request: Request) -> Response:
     """What became of a run, whether the page shows it or not."""
     address = request.query_params.get("run", "")
-    found = await run_in_threadpool(outcomes.of, address)
+    found = outcomes.of(address)
     return _no_run(address) if found is None else JSONResponse(found)
 
 
-async def _frame(runs: Runs, request: Request) -> Response:
+def _frame(runs: Runs, request: Request) -> Response:
     """The news since the page last asked; without ``wait=0`` it waits a while if the page has all there is."""
-    return await run_in_threadpool(_next_frame, runs, request.query_params)
-
-
-def _next_frame(runs: Runs, asked: QueryParams) -> Response:
+    asked = request.query_params
     since, token = _lengths(asked.get("since", "{}")), asked.get("token")
     if (shown := runs.show(asked.get("run"))) is None:
         return _no_run(asked.get("run"))
@@ -93,7 +86,7 @@ def _next_frame(runs: Runs, asked: QueryParams) -> Response:
             reading.wait_for_more(since.get("entry", 0), patience)
     with reading:
         frame = reading.feed.columns.frame(since, _head(runs, shown))
-    return Response(frame, media_type="application/octet-stream")
+    return Response(frame, media_type="application/json")
 
 
 def _head(runs: Runs, shown: Shown) -> dict[str, Any]:
@@ -143,24 +136,17 @@ def _no_run(address: str | None) -> Response:
     return JSONResponse({"error": f"there is no run '{address}' any more"}, 404)
 
 
-def _asked(runs: Runs, answer: Callable[[Reading, Request], Any]) -> Callable[[Request], Awaitable[Response]]:
-    """Answers a question about the run that the page shows; with "not found" where there is no answer."""
-
-    def answered(request: Request) -> Response:
-        address = request.query_params.get("run")
-        if (shown := runs.show(address)) is None:
-            return _no_run(address)
-        if (found := answer(shown.reading, request)) is None:
-            shown.reading.wait_until_read()
-            found = answer(shown.reading, request)
-        if found is None:
-            return JSONResponse({"error": f"no message {_id(request)} in this journal"}, 404)
-        return JSONResponse(found)
-
-    async def endpoint(request: Request) -> Response:
-        return await run_in_threadpool(answered, request)
-
-    return endpoint
+def _asked(runs: Runs, answer: Callable[[Reading, Request], Any], request: Request) -> Response:
+    """The answer to a question about the run that the page shows; "not found" where there is none."""
+    address = request.query_params.get("run")
+    if (shown := runs.show(address)) is None:
+        return _no_run(address)
+    if (found := answer(shown.reading, request)) is None:
+        shown.reading.wait_until_read()
+        found = answer(shown.reading, request)
+    if found is None:
+        return JSONResponse({"error": f"no message {_id(request)} in this journal"}, 404)
+    return JSONResponse(found)
 
 
 def _moment(request: Request) -> float:

@@ -29,7 +29,7 @@ from tca_wire.vocabulary import Outcome
 
 _LONGEST_SAID = 300
 _ID = attrgetter("id")
-_TABLES = {
+TABLES = {
     "entry": "time:d",
     "task": "id:i parent:i name:t sender:t role:t form:t time:d",
     "message": "id:i name:t time:d",  # one that is no task
@@ -48,11 +48,6 @@ _TABLES = {
     "span": "row:i kind:t name:t message:i within:i lane:i start:d",
     "end": "span:i time:d outcome:t",
     **TRAFFIC_TABLES,
-}
-TABLES = {
-    f"{table}.{name}": kind
-    for table, columns in _TABLES.items()
-    for name, kind in (column.split(":") for column in columns.split())
 }
 """A frame's columns with their kinds (see columns.py)."""
 

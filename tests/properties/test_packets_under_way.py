@@ -225,11 +225,11 @@ def check_charts(town: Town) -> None:
     for entry in town.player.entries:
         history.apply(entry)
         feed.apply(entry)
-    columns = feed.columns._columns
-    over = dict(zip(columns["end.span"], columns["end.time"], strict=True))
-    places = zip(*(columns[f"span.{name}"] for name in ("row", "kind", "lane")), strict=True)
+    ends, spans = feed.columns._tables["end"], feed.columns._tables["span"]
+    over = dict(zip(ends["span:i"], ends["time:d"], strict=True))
+    places = zip(*(spans[name] for name in ("row:i", "kind:t", "lane:i")), strict=True)
     free: dict[tuple[Any, ...], float] = {}
-    for number, (place, start) in enumerate(zip(places, columns["span.start"], strict=True)):
+    for number, (place, start) in enumerate(zip(places, spans["start:d"], strict=True)):
         assert free.get(place, 0.0) <= start <= over.get(number, start)
         free[place] = over.get(number, start)
     for message in history.messages.values():

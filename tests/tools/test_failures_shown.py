@@ -71,7 +71,7 @@ def test_what_failed_and_was_handled_is_amber_everywhere(*, top_fails: bool) -> 
         assert FILLS[word] in picture
         assert word in picture
         assert FILLS["failed" if word == HANDLED else HANDLED] not in picture
-    assert [node.task.standing for node in tree(run).nodes if node.task] == [
+    assert [row.task.standing for some in tree(run).below.values() for row in some if row.task] == [
         "killed" if top_fails else "achieved",
         word,
     ]

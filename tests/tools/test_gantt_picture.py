@@ -17,8 +17,8 @@ from tools.story import COMMAND, Story, locking, stumbling, walking
 from tca_tools.drawing.svg import width_of
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.build import chart
-from tca_tools.gantt.chart import Bar, BarKind, Ending, ResourceRow
-from tca_tools.gantt.looks import COLOURS, dark, light
+from tca_tools.gantt.chart import Bar, BarKind, ResourceRow
+from tca_tools.gantt.looks import STYLE, dark, light
 from tca_tools.gantt.queues import curve, is_curve, queue_height
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.window import Pick
@@ -65,9 +65,7 @@ def shop(*failing: int, outcome: Outcome = Outcome.FAILED, steps: int = 1000, ro
 
 
 def test_failures_in_narrow_bars_have_flags_above_their_row() -> None:
-    found = re.findall(
-        r'class="flag" fill="#\w+" d="M([\d.]+) .*?<title>(.*?)</title>', drawn(shop(100, 500, 501, 502))
-    )
+    found = re.findall(r'class="flag ink-failed" d="M([\d.]+) .*?<title>(.*?)</title>', drawn(shop(100, 500, 501, 502)))
     [(first, told), (second, merged)] = [(float(left), title) for left, title in found]
     assert told.startswith("step {101} handled by legs 0 from 100.000 s to 100.500 s")
     assert merged.startswith("3 failures from 500.500 s to 502.500 s, first: step {501}")
@@ -75,12 +73,12 @@ def test_failures_in_narrow_bars_have_flags_above_their_row() -> None:
 
 
 def test_flags_are_in_the_legend_in_their_colours() -> None:
-    looks = ('fill="url(#flag)"', 'fill="url(#amber-flag)"')
+    looks = ('class="flag-failed"', 'class="flag-coped"')
     for story, seen in ((asking(dealt_with=True), (0, 1)), (shop(3), (1, 0)), (shop(), (0, 0))):
         assert tuple(map(drawn(story).count, looks)) == seen
 
 
-@pytest.mark.parametrize(("steps", "look"), [(3, 'class="killed"'), (1000, 'fill="#10161d"')])
+@pytest.mark.parametrize(("steps", "look"), [(3, 'class="end"'), (1000, 'class="ink-killed"')])
 def test_what_was_killed_has_a_dark_end(steps: int, look: str) -> None:
     """A narrow one, or a block of many, has a foot."""
     plain, killed = (drawn(shop(*bad, outcome=Outcome.KILLED, steps=steps)) for bad in ((), (2,)))
@@ -89,7 +87,8 @@ def test_what_was_killed_has_a_dark_end(steps: int, look: str) -> None:
 
 
 def test_what_failed_is_seen_in_a_block() -> None:
-    assert drawn(shop(999)).count("#c81e1e") == 4  # its foot and flag, in the style of frames, and in the legend
+    whole, failed = (drawn(shop(*bad)) for bad in ((), (999,)))
+    assert failed.count("ink-failed") == whole.count("ink-failed") + 2  # its foot and flag
 
 
 def test_the_story_of_a_task_shows_paler_what_it_waited_for(tmp_path: Path, tca: Tca) -> None:
@@ -127,7 +126,7 @@ def oklab(colour: str) -> list[float]:
 
 def test_no_colour_of_a_message_is_that_of_something_else() -> None:
     """Not red or amber, which mean a failure; no grey; dark to write on, or light."""
-    amber = COLOURS[Ending.COPED]
+    amber = re.findall(r"\.ink-coped[^#]*(#\w+)", STYLE)[0]
     assert len({dark(number) for number in range(40)}) == 40
     for number in range(200):
         red, green, blue = (int(dark(number)[place : place + 2], 16) for place in (1, 3, 5))

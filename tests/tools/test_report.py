@@ -1,6 +1,7 @@
 """The report: a page that tells a stranger how a run went, whatever the journal holds."""
 
 import re
+import sys
 from collections.abc import Callable
 from html.parser import HTMLParser
 from itertools import pairwise
@@ -212,15 +213,13 @@ def many(tops: int, below: int, bad: int) -> History:
 def test_a_large_tree_shows_what_failed_and_counts_the_rest() -> None:
     found = tree(many(tops=300, below=9, bad=250), shown_at_most=100)
     assert found.shown <= 100
-    states = [node.task.standing for node in found.nodes if node.task]
+    rows = [row for some in found.below.values() for row in some]
+    tasks = [row.task for row in rows if row.task]
+    states = [task.standing for task in tasks]
     assert states.count(HANDLED) == 1  # the walk was achieved all the same
-    failed = next(node for node in found.nodes if node.task and node.task.standing == HANDLED)
-    assert failed.task is not None
-    above = next(node for node in found.nodes if node.task and node.task.id == failed.task.parent)
-    assert above.is_open
-    assert sum(node.is_open for node in found.nodes) == 2
-    counted = sum(node.row.folded for node in found.nodes)
-    assert counted + len(states) == found.total == 3000
+    failed = next(task for task in tasks if task.standing == HANDLED)
+    assert {task.id for task in tasks} & found.opened == {failed.id, failed.parent}
+    assert sum(row.folded for row in rows) + len(states) == len(found.at.tasks) == 3000
 
 
 def test_a_deep_tree_nests_no_further_than_browsers_can(reported: Reported) -> None:
@@ -267,7 +266,8 @@ def test_wrong_usage(tmp_path: Path) -> None:
 
 
 def test_without_jinja_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "jinja2", None)
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    monkeypatch.delitem(sys.modules, "tca_tools.report.page", raising=False)
     result = tca_report(stepping().write(tmp_path / "run"), "-o", tmp_path / "run.html")
     assert result.exit_code == ToolError.exit_code
     assert "pip install 'tca-central[report]'" in result.output

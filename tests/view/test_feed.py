@@ -35,14 +35,16 @@ class Page:
     def __init__(self) -> None:
         self.lengths: dict[str, int] = {}
         self.texts: list[str] = []
-        self.columns: dict[str, list[Any]] = {name: [] for name in TABLES}
+        self.columns: dict[str, list[Any]] = {}
 
     def take(self, feed: Feed) -> None:
         head, columns = parsed(feed.columns.frame(self.lengths, {}))
         self.lengths = head["lengths"]
         self.texts += head["texts"]
         for name, added in columns.items():
-            self.columns[name] += [self.texts[one] for one in added] if TABLES[name] == "t" else added
+            table, _, column = name.partition(".")
+            is_text = f"{column}:t" in TABLES[table].split()
+            self.columns.setdefault(name, []).extend(self.texts[one] if is_text else one for one in added)
 
     def table(self, name: str) -> list[tuple[Any, ...]]:
         return list(zip(*(column for full, column in self.columns.items() if full.startswith(f"{name}.")), strict=True))

@@ -7,7 +7,7 @@ import click
 from tca_behaviours.activities.models.dot import model_dot
 from tca_behaviours.activities.models.reading import read_model
 from tca_behaviours.activities.models.writing import write_code
-from tca_tools.drawing.picture_file import write_machine
+from tca_tools.drawing.pictures import write_machine
 
 KINDS = (".svg", ".png", ".pdf", ".dot")
 

@@ -13,22 +13,18 @@ export function wasHandled(failure, time) {
   return lastNotAfter(failure.turns, time) % 2 === 0;
 }
 
-const ARRAYS = { d: Float64Array, i: Int32Array, t: Int32Array, B: Uint8Array };
-
-// A frame's head, and its columns by table (see columns.py): { task: { id, name, ... }, ... }. `texts` are those known so far.
-function parse(buffer, texts) {
-  const bytes = new Uint8Array(buffer);
-  let end = bytes.indexOf(10) + 1;
-  const head = JSON.parse(new TextDecoder().decode(bytes.subarray(0, end)));
-  end += (8 - end % 8) % 8;
-  for (const text of head.texts) texts.push(text);
+// A frame's columns by table (see columns.py): { task: { id, name, ... }, ... }. `texts` are those known so far.
+function columnsIn(frame, texts) {
+  for (const text of frame.texts) texts.push(text);
   const tables = {};
-  for (const { name, kind, offset, bytes: length } of head.columns) {
-    const [table, column] = name.split("."), array = ARRAYS[kind];
-    const values = new array(buffer, end + offset, length / array.BYTES_PER_ELEMENT);
-    (tables[table] ??= {})[column] = kind === "t" ? Array.from(values, (place) => texts[place]) : values;
+  for (const [table, columns] of Object.entries(frame.tables)) {
+    tables[table] = {};
+    for (const [key, values] of Object.entries(columns)) {
+      const [name, kind] = key.split(":");
+      tables[table][name] = kind === "t" ? values.map((place) => texts[place]) : values;
+    }
   }
-  return { head, tables };
+  return tables;
 }
 
 export const RESOLVED = "done after a failure";
@@ -88,13 +84,14 @@ export class Store {
     if (answer.status === 410) location.reload(); // the server reads the run anew
     if (answer.status === 404) throw new Error((await answer.json()).error);
     if (!answer.ok) throw new Error(`the server says ${answer.status}`);
-    const buffer = await answer.arrayBuffer();
+    const frame = await answer.json();
     this.heard = performance.now();
-    this.add(buffer);
+    this.add(frame);
   }
 
-  add(buffer) {
-    const { head, tables } = parse(buffer, this.texts);
+  add(frame) {
+    const tables = columnsIn(frame, this.texts);
+    const { tables: _, ...head } = frame;
     this.head = head;
     for (const time of tables.entry.time) this.times.push(time);
     this.#addTasks(tables.task);
