@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from activities.joint import Joint
-from integration.programs import Central
+from processes import Central
 
 from tca_behaviours.activities import Application, VirtualBaton, one_each
 from tca_behaviours.activities.central_ports import publish

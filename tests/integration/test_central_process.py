@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 import zmq
 from click.testing import CliRunner
-from integration.programs import central, program
 from module.real_central import RealCentral
+from processes import central, program
 
 from tca_central.__main__ import central as central_command
 from tca_central.shell.log_lines import LineFormatter
@@ -81,16 +81,12 @@ MOVES_UNTIL_TERMINATED = (
 )
 
 
-def ready(process: object) -> None:
-    assert process.stdout.readline() == "ready\n"  # type: ignore[attr-defined]
-
-
 def test_queries_commands_and_a_killed_module_through_real_processes(tmp_path: Path) -> None:
     with central(tmp_path, bind="tcp://127.0.0.1:*") as daemon:
         address = daemon.first_line.rpartition(" ")[2]
         with program(SQUARES, address) as squares, program(MOVES, address) as legs, connect("user", address) as user:
-            ready(squares)
-            ready(legs)
+            squares.hear("ready")
+            legs.hear("ready")
             assert user.query(SQUARE, 12) == 144
             assert user.command(MOVE, 5).result(timeout=10) == 5
             with pytest.raises(TaskFailed, match="module lost"):
@@ -107,7 +103,7 @@ def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
         program(SQUARES, daemon.address) as squares,
         connect("user", daemon.address) as user,
     ):
-        ready(squares)
+        squares.hear("ready")
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         enemy = context.socket(zmq.DEALER)
         enemy.linger = 0

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from integration.programs import Central, program
+from processes import Central, program
 
 from tca_module import Command, Outcome, Rejected, connect
 
@@ -41,8 +41,7 @@ CAMERA = """
 def central(tmp_path: Path) -> Iterator[list[Central]]:
     running = [Central(tmp_path)]
     with program(CAMERA, running[0].address) as camera:
-        assert camera.stdout
-        assert camera.stdout.readline() == "runs\n"
+        camera.hear("runs")
         yield running
     running[-1].stop()
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import zmq
 from click.testing import CliRunner
-from integration.programs import central, tca
 from module.real_central import SOON, RealCentral, soon, until
+from processes import central, tca
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, KeysChanged, RequestReceived

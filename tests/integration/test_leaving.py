@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from integration.programs import Central, central, program
+from processes import Central, Process, central, program
 
 from tca_module import Goal, Outcome, connect
 from tca_tools.journal.journals import open_log
@@ -106,11 +106,9 @@ MODULE = """
 """
 
 
-def stopped_when_there(running: "subprocess.Popen[str]", daemon: Central) -> None:
+def stopped_when_there(running: Process, daemon: Central) -> None:
     """The program goes on when central stands still."""
-    assert running.stdout
-    assert running.stdin
-    assert running.stdout.readline() == "there\n"
+    running.hear("there")
     daemon.signal(signal.SIGSTOP)
     running.stdin.write("go on\n")
     running.stdin.flush()
@@ -195,8 +193,7 @@ RUNNING = "with robot.running():\n    robot.goal(WORK).wait()\n"
 )
 def test_the_first_ctrl_c_ends_it(tmp_path: Path, body: str, code: int, said: str) -> None:
     with central(tmp_path) as daemon, program(ROBOT + body, daemon.address) as robot:
-        assert robot.stdout
-        assert robot.stdout.readline() == "docking\n"
+        robot.hear("docking")
         robot.send_signal(signal.SIGINT)
         output, errors = robot.communicate(timeout=20)
     assert output == f"left the dock\n{said}"
@@ -225,10 +222,9 @@ robot.run()
 
 def test_a_handler_that_waits_on_though_it_was_killed_does_not_keep_its_program(tmp_path: Path) -> None:
     with central(tmp_path) as daemon, program(KILLED, daemon.address) as robot, connect("user", daemon.address) as user:
-        assert robot.stdout
         work = Goal("work")
         working = user.goal(work)
-        assert robot.stdout.readline() == "at work\n"
+        robot.hear("at work")
         working.kill("enough")
         killed = f"{working} was killed: enough (by user); the wait for handlers is not waited for any more\n"
         assert robot.stdout.readline() == killed

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from integration.programs import central
 from module.real_central import SOON, RealCentral, soon
+from processes import central
 
 from tca_central.shell.gate import Gate
 from tca_central.shell.permissions_file import PermissionsError, PermissionsFile, read_rules, users_in

@@ -5,18 +5,16 @@ import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
 
 import pytest
 import zmq
-from integration.programs import Central, central, program, tca
+from module.real_central import until as wait_until
+from processes import Central, Process, central, program, tca
 
 from dev.invariants import check_invariants
 from tca_central import core
@@ -72,10 +70,8 @@ class Robot:
         self.folder = folder
         self.notebook = folder / "done"
         self.central = Central(folder)
-        self._legs = program(LEGS.format(done=str(self.notebook)), self.central.address)
-        self.legs = self._legs.__enter__()
-        assert self.legs.stdout
-        assert self.legs.stdout.readline() == "runs\n"
+        self.legs = program(LEGS.format(done=str(self.notebook)), self.central.address)
+        self.legs.hear("runs")
 
     def kill(self) -> None:
         self.central.signal(signal.SIGKILL)
@@ -91,7 +87,7 @@ class Robot:
         return Counter(int(number) for word, number in words if word == "begin")
 
     def close(self) -> None:
-        self._legs.__exit__(None, None, None)
+        self.legs.close()
         self.central.stop()
 
 
@@ -106,19 +102,6 @@ def robot(tmp_path: Path) -> Iterator[Robot]:
 def user(robot: Robot) -> Iterator[Client]:
     with connect("user", robot.central.address, patience=20) as client:
         yield client
-
-
-@contextmanager
-def program_of(command: list[str]) -> Iterator["subprocess.Popen[str]"]:
-    """A central, once it has said something."""
-    running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    try:
-        assert running.stderr
-        running.stderr.readline()
-        yield running
-    finally:
-        running.kill()
-        running.communicate()
 
 
 def until(client: Client, holds: Callable[[], bool]) -> None:
@@ -175,7 +158,7 @@ def test_a_program_has_ended_also_if_nobody_asks_for_its_exit_code(robot: Robot,
     user.command(STEP, 1).result(timeout=20)
     robot.kill()
     robot.legs.kill()
-    os.waitid(os.P_PID, robot.legs.pid, os.WEXITED | os.WNOWAIT)
+    wait_until(lambda: Path(f"/proc/{robot.legs.pid}/stat").read_text().split()[2] == "Z", "it has ended")
     run = recover(robot.central.journal, unfinished(robot.central.journal))
     run.central.handle(run.restarted(hold=False))
     names = {connection.id: connection.module.name for connection in run.central.registry.connections.values()}
@@ -208,12 +191,12 @@ def test_without_a_name_the_journal_of_the_address_is_gone_on_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    command = [sys.executable, "-m", "tca_central", "--bind", f"ipc://{tmp_path}/c.sock"]
-    with program_of(command) as first, connect("user", f"ipc://{tmp_path}/c.sock", patience=20) as user:
+    command = ["-m", "tca_central", "--bind", f"ipc://{tmp_path}/c.sock"]
+    with Process(*command) as first, connect("user", f"ipc://{tmp_path}/c.sock", patience=20) as user:
         epoch = user.status()["epoch"]
         first.kill()
         first.wait()
-        with program_of(command):
+        with Process(*command):
             assert user.status()["epoch"] == epoch
 
 

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import subprocess
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,8 +9,8 @@ from pathlib import Path
 
 import pytest
 import zmq
-from integration.programs import Central, central, program
 from module.real_central import until
+from processes import Central, central, program
 
 from tca_module import CentralLost, Command, Module, MultiQuery, Outcome, Query, TaskFailed, Timeout, Variable, connect
 from tca_tools.journal.journals import open_log
@@ -68,16 +67,6 @@ PARENT = """
 """
 
 
-def hear(running: "subprocess.Popen[str]", line: str) -> None:
-    assert running.stdout
-    too_late = threading.Timer(3 * SOON, running.kill)
-    too_late.start()
-    try:
-        assert running.stdout.readline() == f"{line}\n"
-    finally:
-        too_late.cancel()
-
-
 def eyes_at(address: str) -> Module:
     eyes = Module("eyes", address)
     eyes.resource("camera")
@@ -109,7 +98,7 @@ def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") ->
         with program(LEGS, address) as legs, connect("user", address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
             step = user.command(STEP)
-            hear(legs, "steps")
+            legs.hear("steps")
             legs.send_signal(signal.SIGSTOP)
             with pytest.raises(TaskFailed, match=f"module lost: module 'legs' was lost: {why}"):
                 step.result(timeout=SOON)
@@ -117,12 +106,12 @@ def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") ->
             assert user.query(LOOK, timeout=SOON) == "clear"
             assert {module.name for module in user.modules()} == {"user", "eyes"}
             legs.send_signal(signal.SIGCONT)
-            hear(legs, "was told")
+            legs.hear("was told")
             user.wait_until_handled(STEP, timeout=SOON)
             step = user.command(STEP)
-            hear(legs, "steps")
+            legs.hear("steps")
             step.kill()
-            hear(legs, "was told")
+            legs.hear("was told")
             assert step.wait(timeout=SOON) is Outcome.KILLED
             legs.terminate()
             late = f"the answer of task 1 'step' came too late: the module had been lost ({why})\n"
@@ -145,7 +134,7 @@ def test_five_seconds_are_too_many(tmp_path: Path, bind: str) -> None:
 def test_a_script_that_is_stopped_keeps_no_lock(tmp_path: Path) -> None:
     with central(tmp_path, "--lost-after", "3") as daemon, eyes_at(daemon.address).running():
         with program(CLIENT, daemon.address) as script, connect("other", daemon.address) as other:
-            hear(script, "has it")
+            script.hear("has it")
             script.send_signal(signal.SIGSTOP)
             other.lock("camera", timeout=SOON).release()
 
@@ -181,11 +170,11 @@ def test_who_stood_still_himself_does_not_complain_of_a_silent_central(tmp_path:
         with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
             user.command(STEP)
-            hear(legs, "steps")
+            legs.hear("steps")
             legs.send_signal(signal.SIGSTOP)
             threading.Event().wait(12)  # longer than anybody's patience
             legs.send_signal(signal.SIGCONT)
-            hear(legs, "was told")
+            legs.hear("was told")
             user.wait_until_handled(STEP, timeout=SOON)
             legs.terminate()
             assert "does not answer" not in legs.communicate()[1]
@@ -199,7 +188,7 @@ def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> 
             with connect("user", address, patience=3.0) as user:
                 user.wait_until_handled(STEP, timeout=SOON)
                 step = user.command(STEP)
-                hear(legs, "steps")
+                legs.hear("steps")
                 daemon.signal(signal.SIGSTOP)
                 with pytest.raises(CentralLost):
                     user.query(LOOK)
@@ -220,13 +209,13 @@ def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> Non
         with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
             step = user.command(STEP)
-            hear(legs, "steps")
+            legs.hear("steps")
             legs.send_signal(signal.SIGSTOP)
             with pytest.raises(Timeout):
                 step.wait(timeout=7)
             legs.send_signal(signal.SIGCONT)
             step.kill()
-            hear(legs, "was told")
+            legs.hear("was told")
             assert step.wait(timeout=SOON) is Outcome.KILLED
 
 
@@ -235,7 +224,6 @@ def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_p
     """The kernel closes them only when the last process that has them ends; a child has no pulse."""
     with central(tmp_path, "--lost-after", "3") as daemon, connect("user", daemon.address) as user:
         with program(PARENT, daemon.address) as parent:
-            assert parent.stdout
             child = int(parent.stdout.readline())
             try:
                 parent.kill()

@@ -8,8 +8,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from integration.programs import Central, central
 from playwright.sync_api import Page, expect
+from processes import Central, central
 from tools.story import stumbling, walking
 
 from tca_module import Goal, connect
