@@ -10,6 +10,7 @@ from central.player import ANY, IN_PYTHON, Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life
+from sampling import lives
 
 from tca_central.deadlock import deadlocks
 from tca_central.deadlock.search import Search
@@ -30,22 +31,11 @@ END, START = Moment.END_ACHIEVING, Moment.START_ACHIEVING
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=1)
+@settings(max_examples=lives(1, soak=200))
 def test_a_way_is_found_just_where_one_is_found_by_looking_everywhere(seed: int) -> None:
     """In trees with constraints across, retries, kills and ends."""
-    compare_in_lives(seed, 40)
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=200)
-def test_many_ways(seed: int) -> None:
-    compare_in_lives(seed, 60)
-
-
-def compare_in_lives(seed: int, stations: int) -> None:
     life, chance = Life(), random.Random(seed)
-    for number in range(stations):
+    for number in range(lives(40, soak=60)):
         life.go_on(seed + number, 12)
         compare(life.central.tree, chance)
 

@@ -8,8 +8,9 @@ import pytest
 from central.player import Player, before, point
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from properties.life import MODULES, Life, operation
+from properties.life import MODULES, Life, Operations, operations
 from properties.oracle import Oracle
+from sampling import lives
 
 from tca_central.events import Effect, Tick
 from tca_wire.constraints import Flags
@@ -234,22 +235,13 @@ def test_a_lost_lock_is_told_of_after_the_wiretaps_of_the_return() -> None:
     assert len(player.delivered("legs/2")) == 1
 
 
-@given(st.lists(operation, max_size=60))
+@given(operations)
 @settings(max_examples=45)
-def test_the_oracle_agrees_with_central_in_every_short_life(operations: list[tuple[str, int, int, int, int]]) -> None:
-    life = JudgedLife()
-    for name, *numbers in operations:
-        life.do(name, *numbers)
+def test_the_oracle_agrees_with_central_in_every_short_life(taken: Operations) -> None:
+    JudgedLife().live(taken)
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=4, phases=NO_SMALLER_SEED)
+@settings(max_examples=lives(4, soak=30), phases=NO_SMALLER_SEED)
 def test_the_oracle_agrees_with_central_in_lives_of_hundreds_of_events(seed: int) -> None:
-    JudgedLife().go_on(seed, 400)
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=30, phases=NO_SMALLER_SEED)
-def test_the_oracle_agrees_with_central_in_many_long_lives(seed: int) -> None:
-    JudgedLife().go_on(seed, 10_000)
+    JudgedLife().go_on(seed, lives(400, soak=10_000))

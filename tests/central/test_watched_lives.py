@@ -2,10 +2,10 @@
 
 import random
 
-import pytest
 from central.player import ANY, Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sampling import lives
 
 from tca_central.model.contexts import trouble_of
 from tca_central.model.tasks import Task
@@ -98,22 +98,11 @@ class Watched:
             self.reply(running[0])
 
 
-def live(seed: int, steps: int) -> None:
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=lives(30, soak=1_000))
+def test_what_waits_for_the_end_of_a_monitor_comes_to_an_end(seed: int) -> None:
     life = Watched(seed)
-    for _ in range(steps):
+    for _ in range(80):
         life.do(life.chance.choice(WAYS))
     life.end()
     assert not life.tasks
-
-
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=30)
-def test_what_waits_for_the_end_of_a_monitor_comes_to_an_end(seed: int) -> None:
-    live(seed, 80)
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=1_000)
-def test_it_does_in_many_lives(seed: int) -> None:
-    live(seed, 60)

@@ -1,10 +1,11 @@
 """Random lives: numbers become things that a module could do now."""
 
 import random
-from typing import Any
+from typing import Any, Self
 
 from central.player import ANY, Player, before, point
 from hypothesis import strategies as st
+from sampling import lives
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId
@@ -39,6 +40,8 @@ OPERATIONS = ["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + [
     "keep", "keep", "release", "lock", "lock", "unclaim", "unclaim", "unlock", "unregister", "fetch",
 ]  # fmt: skip
 operation = st.tuples(st.sampled_from(OPERATIONS), small, small, small, small)
+operations = st.lists(operation, max_size=lives(60, soak=200))
+Operations = list[tuple[str, int, int, int, int]]
 BEGINNING = ("send", "fire", "monitor", "set", "tap", "attach", "suspend", "constrain")
 CROWDED, CONNECTIONS, ASIDES = 50, 20, 40
 """So much may be to be done in a long life, by so many, with so many exception handlers and wiretaps."""
@@ -82,6 +85,11 @@ class Life:
         """The deliveries of a message that goes to many."""
         sent = {fact.id for fact in self.player.facts(Received) if fact.message == message}
         return {fact.id for fact in self.player.facts(Delivered) if fact.message_id in sent}
+
+    def live(self, operations: Operations) -> Self:
+        for name, *numbers in operations:
+            self.do(name, *numbers)
+        return self
 
     def go_on(self, seed: int, events: int) -> None:
         """A long life: so many events more. Where it gets crowded more is finished than begun."""

@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.folded import Folding
 from properties.test_deadlocks import Blocking, waits_in
+from sampling import lives
 
 from tca_central.model.deliveries import Connection, Delivery, PresenceWait
 from tca_central.model.observers import Observation
@@ -120,6 +121,6 @@ def blocking(taken: list[tuple[str, int, int, int]]) -> Told:
 
 
 @given(steps)
-@settings(max_examples=130)
+@settings(max_examples=lives(45, soak=2_000))
 def test_the_journal_says_who_waits(taken: list[tuple[str, int, int, int]]) -> None:
     blocking(taken)

@@ -12,6 +12,7 @@ from central.player import Player, before, point
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.test_deadlocks import Blocking, free_handlers
+from sampling import lives
 
 from tca_central.core import Central
 from tca_central.events import Effect
@@ -306,13 +307,6 @@ def what_is_named_helps(life: Life, node: Node) -> None:
 )  # or who has a lock is handled again
 @example([("send", 0, 0, 0)] + [("send", 0, 1, 0)] * 3 + [("fail", 0, 0, 0)])  # or its failure is dealt with
 @given(steps)
-@settings(max_examples=30)
+@settings(max_examples=lives(30, soak=5_000))
 def test_what_is_named_is_what_is_waited_for(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)
-
-
-@pytest.mark.soak
-@given(steps)
-@settings(max_examples=5_000)
-def test_the_same_in_many_lives(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)

@@ -8,10 +8,10 @@ little at a time that its searches go on while everything changes.
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-import pytest
 from central.player import Player, before, point
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from sampling import lives
 
 from tca_central.core import Central
 from tca_central.deadlock import deadlocks
@@ -184,20 +184,13 @@ CALLED_BACK = [("send", 0, 44, 0), ("ask", 0, 44, 0), ("lock", 1, 2, 1), ("await
 
 @given(steps)
 @example(CALLED_BACK)
-@settings(max_examples=45)
+@settings(max_examples=lives(45, soak=5_000))
 def test_what_is_called_a_deadlock_would_never_have_ended(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)
 
 
-@pytest.mark.soak
-@given(steps)
-@settings(max_examples=5_000)
-def test_many_lives(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)
-
-
 @given(steps, st.integers(1, 6))
-@settings(max_examples=65)
+@settings(max_examples=lives(40, soak=5_000))
 def test_a_search_that_is_interrupted_by_events_finds_the_same(
     taken: list[tuple[str, int, int, int]], few: int
 ) -> None:
@@ -221,14 +214,6 @@ def test_a_look_at_a_lock_that_is_over_meanwhile_comes_to_an_end() -> None:
         assert player.central.scan is not None
         player.receive(who, headers.GiveUp(number))
         look_to_the_end(player)
-
-
-@pytest.mark.soak
-@given(steps, st.integers(1, 6))
-@settings(max_examples=5_000)
-def test_many_lives_with_interrupted_searches(taken: list[tuple[str, int, int, int]], few: int) -> None:
-    with looks_at(few):
-        check(taken)
 
 
 @contextmanager

@@ -2,12 +2,12 @@
 nothing is left. No wait for ever is overlooked, whoever keeps what others need, and what makes a robot safe gets in.
 """
 
-import pytest
 from central.player import Player, point
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.life import Life
 from properties.test_deadlocks import HANDLED, Blocking, free_handlers
+from sampling import lives
 
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
@@ -126,30 +126,14 @@ KEPT_FOR_A_RETRY = [("send", 0, 0, 0), ("lock", 0, 1, 0), ("attach", 1, 0, 0), (
 
 @given(steps)
 @example(KEPT_FOR_A_RETRY)
-@settings(max_examples=40)
+@settings(max_examples=lives(40, soak=10_000))
 def test_whatever_happens_everything_ends(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)
 
 
-@pytest.mark.soak
-@given(steps)
-@settings(max_examples=10_000)
-def test_everything_ends_in_many_lives(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)
-
-
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=12)
+@settings(max_examples=lives(6, soak=1_000))
 def test_lives_of_all_constructs_end(seed: int) -> None:
     life = Mixed()
-    life.go_on(seed, 100)
-    life.end()
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=1_000)
-def test_many_lives_of_all_constructs_end(seed: int) -> None:
-    life = Mixed()
-    life.go_on(seed, 300)
+    life.go_on(seed, lives(100, soak=300))
     life.end()

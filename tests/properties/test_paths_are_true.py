@@ -6,12 +6,12 @@ import random
 from itertools import pairwise
 from math import nextafter
 
-import pytest
 from central.player import before, point
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.seen_in_facts import Facts
 from properties.test_blocked_is_told import Told
+from sampling import lives
 
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path
@@ -86,21 +86,14 @@ def longer(seed: int) -> list[tuple[str, int, int, int]]:
     return [(dice.choice(KINDS), dice.randrange(51), dice.randrange(51), dice.randrange(51)) for _ in range(60)]
 
 
-lives = steps | st.integers(0, 1 << 32).map(longer)
+steps_of_lives = steps | st.integers(0, 1 << 32).map(longer)
 
 
 @example(longer(752))  # killed, but its handler does not heed it
 @example(longer(7511))  # killed before its delay is over
 @example(longer(1789))  # locks that wait for each other in a circle
 @example(longer(1027))  # a question to many is given up while a copy stands in a queue
-@given(lives)
-@settings(max_examples=45)
+@given(steps_of_lives)
+@settings(max_examples=lives(45, soak=3_500))
 def test_paths_say_what_was_so(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)
-
-
-@pytest.mark.soak
-@given(lives)
-@settings(max_examples=3_500)
-def test_many_paths_say_what_was_so(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)

@@ -9,9 +9,10 @@ from central.player import ANY, before, point
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.folded import FoldedPlayer
-from properties.life import Life, operation
+from properties.life import Life, Operations, operations
 from properties.test_deadlocks import Blocking
 from properties.test_deadlocks import steps as blocking_steps
+from sampling import lives
 
 from tca_central.core import Central
 from tca_central.model.tasks import Task
@@ -134,19 +135,17 @@ def assert_lists(history: History) -> None:
             assert {one.on for one in keeping(at, node)} <= told, (time, str(task))
 
 
-@given(st.lists(operation, max_size=50))
-@settings(max_examples=75)
-def test_what_tasks_wait_for_is_what_central_knows(operations: list[tuple[str, int, int, int, int]]) -> None:
+@given(operations)
+@settings(max_examples=lives(40, soak=500))
+def test_what_tasks_wait_for_is_what_central_knows(taken: Operations) -> None:
     player = ComparedPlayer()
-    life = Life(player)
-    for name, *numbers in operations:
-        life.do(name, *numbers)
+    Life(player).live(taken)
     assert_lists(player.history)
 
 
 @given(st.integers(0, 1 << 32))
 @example(2625034)  # a listener of a task that had returned before it was retried
-@settings(max_examples=1)
+@settings(max_examples=lives(1, soak=75))
 def test_so_it_is_in_a_long_life(seed: int) -> None:
     player = ComparedPlayer()
     Life(player).go_on(seed, 300)
@@ -154,25 +153,11 @@ def test_so_it_is_in_a_long_life(seed: int) -> None:
     assert_lists(player.history)
 
 
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=75)
-def test_and_in_many_long_lives(seed: int) -> None:
-    test_so_it_is_in_a_long_life.hypothesis.inner_test(seed)  # type: ignore[attr-defined]
-
-
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=1)
-def test_folding_the_journal_of_thousands_of_events_gives_the_live_tree(seed: int) -> None:
-    Life(LivePlayer()).go_on(seed, 2_000)
-
-
-@pytest.mark.soak
 @given(st.integers(0, 1 << 32))
 @example(122582)  # a failure is raised on a task that is to be retried, whose handler then fails
-@settings(max_examples=24)
-def test_folding_many_long_journals_gives_the_live_tree(seed: int) -> None:
-    Life(LivePlayer()).go_on(seed, 5_000)
+@settings(max_examples=lives(1, soak=24))
+def test_folding_the_journal_of_thousands_of_events_gives_the_live_tree(seed: int) -> None:
+    Life(LivePlayer()).go_on(seed, lives(1_000, soak=5_000))
 
 
 def assert_tree(central: Central, history: History) -> None:
@@ -438,7 +423,7 @@ class Told(Blocking):
 
 
 @given(blocking_steps)
-@settings(max_examples=75)
+@settings(max_examples=lives(40, soak=500))
 def test_what_is_told_is_what_the_graph_has(taken: list[tuple[str, int, int, int]]) -> None:
     life = Told(looks=True)
     life.hello("operator")

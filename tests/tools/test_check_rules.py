@@ -12,8 +12,9 @@ from central.transcript import Transcript
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
-from properties.life import Life, operation
+from properties.life import Life, Operations, operations
 from properties.test_late_taps import CheckedLife
+from sampling import lives
 from tools.runs import OPENED, TRANSCRIPTS, Change, changed, checked, lost, played, twice, walk
 from tools.story import THIS, Story, stumbling
 
@@ -67,33 +68,22 @@ def test_a_slot_that_began_what_was_ahead_before_its_handler_was_gone_keeps_them
     assert checked([OPENED, *player.entries]) == []
 
 
-@given(st.lists(operation, max_size=60))
-@settings(max_examples=80)
-def test_random_lives_keep_them(operations: list[tuple[str, int, int, int, int]]) -> None:
-    life = Life(Player(check=False))
-    for name, *numbers in operations:
-        life.do(name, *numbers)
+@given(operations)
+@settings(max_examples=lives(40, soak=500))
+def test_random_lives_keep_them(taken: Operations) -> None:
+    life = Life(Player(check=False)).live(taken)
     assert checked([OPENED, *life.player.entries]) == []
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=3)
+@settings(max_examples=lives(3, soak=100))
 def test_longer_lives_keep_them_from_wherever_the_journal_begins(seed: int) -> None:
     life = Life(Player(check=False))
-    life.go_on(seed, 700)
+    life.go_on(seed, lives(700, soak=2_000))
     entries = life.player.entries
     assert checked([OPENED, *entries]) == []
     for start in range(7, len(entries), 60):
         assert checked(entries[start:]) == []
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=100)
-def test_many_long_lives_keep_them(seed: int) -> None:
-    life = Life(Player(check=False))
-    life.go_on(seed, 2_000)
-    assert checked([OPENED, *life.player.entries]) == []
 
 
 # --- what is wrong is found ------------------------------------------------------------------------------------------
