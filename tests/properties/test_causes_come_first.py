@@ -6,6 +6,7 @@ import re
 from math import inf
 
 from hypothesis import given, settings
+from properties.blocking import Steps
 from properties.folded import FoldedPlayer
 from properties.life import Life, Operations, operations
 from properties.test_blocked_is_told import Told, steps
@@ -96,11 +97,6 @@ def test_no_cause_comes_later_than_its_effect(taken: Operations) -> None:
 
 @given(steps)
 @settings(max_examples=lives(30, soak=2_000))
-def test_nor_of_handlers_that_block(taken: list[tuple[str, int, int, int]]) -> None:
-    life = Told()
-    life.hello("operator")
-    life.declare("user", "query missing")
-    for step in taken:
-        life.do(*step)
-        life.tick(1.0)
+def test_nor_of_handlers_that_block(taken: Steps) -> None:
+    life = Told().live(taken)
     assert_causes_come_first(life.history, life.entries)

@@ -11,7 +11,7 @@ import pytest
 from central.player import Player, before, point
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from properties.test_deadlocks import Blocking, free_handlers
+from properties.blocking import Blocking, Steps, free_handlers
 from sampling import lives
 
 from tca_central.core import Central
@@ -64,7 +64,6 @@ class Life(Blocking):
         self.events: list[object] = []
         super().__init__(looks=False)
         self.check = False
-        self.hello("operator")
         self.declare("user", "command later", "query never")
         self.receive("user", headers.Attach(self.number("user"), Attachment("", "recover", 2), ROOT))
 
@@ -218,24 +217,6 @@ def may_be_released(central: Central) -> list[Wanted[Connection]]:
 # --- what is done ----------------------------------------------------------------------------------------------------
 
 
-def check(taken: list[tuple[str, int, int, int]]) -> None:
-    life = Life()
-    for step in taken:
-        life.do(*step)
-    at = Again(life).at
-    waiting: dict[tuple[End, ...], list[Node]] = {}
-    for task in life.central.tree.tasks.values():
-        for moment in Moment:
-            if not task.reached & moment:
-                node = Node(task.id, moment)
-                waiting.setdefault(Ends.at(at).of_node(node), []).append(node)
-    for ends, nodes in waiting.items():
-        if len(ends) <= MOST and all(end.kind is not WaitKind.CONDITION for end in ends):
-            nothing_else_helps(life, ends, nodes)
-            for node in dict.fromkeys((nodes[0], nodes[-1])):
-                what_is_named_helps(life, node)
-
-
 def nothing_else_helps(life: Life, ends: tuple[End, ...], nodes: list[Node]) -> None:
     again, named = Again(life), {end.number for end in ends}
     circles, killed = Ends.at(again.at), len(again.facts(Killed))
@@ -308,5 +289,19 @@ def what_is_named_helps(life: Life, node: Node) -> None:
 @example([("send", 0, 0, 0)] + [("send", 0, 1, 0)] * 3 + [("fail", 0, 0, 0)])  # or its failure is dealt with
 @given(steps)
 @settings(max_examples=lives(30, soak=5_000))
-def test_what_is_named_is_what_is_waited_for(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)
+def test_what_is_named_is_what_is_waited_for(taken: Steps) -> None:
+    life = Life()
+    for step in taken:
+        life.do(*step)
+    at = Again(life).at
+    waiting: dict[tuple[End, ...], list[Node]] = {}
+    for task in life.central.tree.tasks.values():
+        for moment in Moment:
+            if not task.reached & moment:
+                node = Node(task.id, moment)
+                waiting.setdefault(Ends.at(at).of_node(node), []).append(node)
+    for ends, nodes in waiting.items():
+        if len(ends) <= MOST and all(end.kind is not WaitKind.CONDITION for end in ends):
+            nothing_else_helps(life, ends, nodes)
+            for node in dict.fromkeys((nodes[0], nodes[-1])):
+                what_is_named_helps(life, node)

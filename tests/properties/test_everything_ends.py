@@ -5,8 +5,8 @@ nothing is left. No wait for ever is overlooked, whoever keeps what others need,
 from central.player import Player, point
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from properties.blocking import HANDLED, Blocking, Steps, free_handlers
 from properties.life import Life
-from properties.test_deadlocks import HANDLED, Blocking, free_handlers
 from sampling import lives
 
 from tca_wire.packets import headers
@@ -31,7 +31,6 @@ class Troubled(Blocking):
 
     def __init__(self) -> None:
         super().__init__(looks=True)
-        self.hello("operator")
         self.declare("operator", "command park", "command move", "goal step")
 
     def do(self, what: str, a: int, b: int, c: int) -> None:
@@ -112,14 +111,6 @@ def come_to_an_end(player: Player) -> None:
     assert rounds < ROUNDS, "there is no end"
 
 
-def check(taken: list[tuple[str, int, int, int]]) -> None:
-    life = Troubled()
-    for step in taken:
-        life.do(*step)
-        life.tick(1.0)
-    come_to_an_end(life)
-
-
 KEPT_FOR_A_RETRY = [("send", 0, 0, 0), ("lock", 0, 1, 0), ("attach", 1, 0, 0), ("raise", 0, 0, 1), ("retry", 0, 0, 0)]
 """A task that is to be handled again, after its exception handler, keeps the resource of that handler."""
 
@@ -127,8 +118,8 @@ KEPT_FOR_A_RETRY = [("send", 0, 0, 0), ("lock", 0, 1, 0), ("attach", 1, 0, 0), (
 @given(steps)
 @example(KEPT_FOR_A_RETRY)
 @settings(max_examples=lives(40, soak=10_000))
-def test_whatever_happens_everything_ends(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)
+def test_whatever_happens_everything_ends(taken: Steps) -> None:
+    come_to_an_end(Troubled().live(taken))
 
 
 @given(st.integers(0, 1 << 32))

@@ -8,9 +8,9 @@ import pytest
 from central.player import ANY, before, point
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from properties.blocking import Blocking, Steps
 from properties.folded import FoldedPlayer
 from properties.life import Life, Operations, operations
-from properties.test_deadlocks import Blocking
 from properties.test_deadlocks import steps as blocking_steps
 from sampling import lives
 
@@ -424,9 +424,8 @@ class Told(Blocking):
 
 @given(blocking_steps)
 @settings(max_examples=lives(40, soak=500))
-def test_what_is_told_is_what_the_graph_has(taken: list[tuple[str, int, int, int]]) -> None:
+def test_what_is_told_is_what_the_graph_has(taken: Steps) -> None:
     life = Told(looks=True)
-    life.hello("operator")
     for step in taken:
         life.do(*step)
         life.compare()
