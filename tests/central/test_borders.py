@@ -48,9 +48,9 @@ def test_so_it_is_in_trees_of_which_nothing_has_begun(seed: int) -> None:
     for _ in range(12):
         one, other = chance.choices(sorted(player.central.tree.tasks) or [TaskId(1)], k=2)
         wanted = before(point(one, chance.choice(list(Moment))), point(other, chance.choice(list(Moment))))
-        player.receive("user", headers.Constrain(player.number("user"), [wanted]))
+        player.request("user", headers.Constrain, [wanted])
         if chance.random() < 0.1:
-            player.receive("user", headers.Kill(player.number("user"), TaskId(one)))
+            player.request("user", headers.Kill, TaskId(one))
         compare(player.central.tree, chance)
 
 
@@ -125,7 +125,7 @@ def test_the_way_from_an_exception_handler_to_what_it_has_retried_is_found() -> 
     player = Player.of("planner: goal walk", "eye: query seen", "expert: exception handler recover", "user")
     player.declare("user", "goal walk", "command move")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["seen", "move"])
-    player.receive("user", headers.Register(player.number("user"), [watch]))
+    player.request("user", headers.Register, [watch])
     walk = player.task("user", "walk", attachments=[Attachment("slip", "recover")])
     monitor = player.task("user", "watch", under=walk, origin=0, watch=WatchOptions(7))  # others put it there: it stays
     first = player.task("user", "move", flags=Flags.NONE)
@@ -134,12 +134,12 @@ def test_the_way_from_an_exception_handler_to_what_it_has_retried_is_found() -> 
     step = goal
     for _ in range(10):  # so that the search from the other end takes long
         step = player.task("user", "walk", under=step, origin=0)
-    player.receive("user", headers.Raise(player.number("user"), TaskId(goal), "slip"))
+    player.request("user", headers.Raise, TaskId(goal), "slip")
     tasks = player.central.tree.tasks
     (handler,) = (task for task in tasks.values() if task.role is Role.EXCEPTION)
-    player.receive("expert/1", headers.Retry(player.number("expert/1"), TaskId(walk)))
+    player.request("expert/1", headers.Retry, TaskId(walk))
     wanted = before(point(step, END), point(handler.id, END))
-    player.receive("user", headers.Constrain(player.number("user"), [wanted]))
+    player.request("user", headers.Constrain, [wanted])
     start, end = Place(tasks[TaskId(goal)], Moment.START_PLANNING), Place(tasks[TaskId(walk)], Moment.END_HANDLING)
     assert pruned(player.central.tree, start, end)
 
@@ -190,7 +190,7 @@ class Counted:
     def constrain(self, one: int, other: int) -> list[object]:
         self.steps = 0
         wanted = before(point(one, END), point(other, START))
-        return self.player.receive("user", headers.Constrain(self.player.number("user"), [wanted]))
+        return self.player.request("user", headers.Constrain, [wanted])
 
 
 @pytest.fixture
@@ -244,7 +244,7 @@ def test_what_is_below_a_task_that_ends_is_forgotten(counted: Counted) -> None:
     tree = counted.player.central.tree
     across: list[Task] = list(tree.across)
     assert [one.id for one in across] == [inner]
-    counted.player.receive("user", headers.Kill(counted.player.number("user"), TaskId(inner)))
+    counted.player.request("user", headers.Kill, TaskId(inner))
     assert not tree.across
 
 
@@ -286,7 +286,7 @@ class Crowd(Player):
 
     def wait(self, who: str, origin: int = 0) -> None:
         end = point(TaskId(self.walk), Moment.END_ACHIEVING)
-        self.receive(who, headers.AwaitPoint(self.number(who), end, origin, blocking=True))
+        self.request(who, headers.AwaitPoint, end, origin, blocking=True)
 
     def ask(self) -> int:
         """Ask whether it is done; the handler's delivery."""

@@ -68,7 +68,7 @@ def test_all_that_wait_and_are_held_and_suspended_are_counted_also_where_not_all
         robot.task("user", "step", flags=int(Flags.SEQ_ACH))
     for _ in range(SHOWN_WAITS + 10):
         suspended = robot.task("user", "step", flags=0)
-        robot.receive("user", headers.Suspend(robot.number("user"), TaskId(suspended)))
+        robot.request("user", headers.Suspend, TaskId(suspended))
     told = load(robot.central)
     assert (len(told["held"]), len(told["suspended"])) == (SHOWN_WAITS, SHOWN_WAITS)
     assert told["totals"] == {"waits": 1, "held": SHOWN_WAITS + 19, "suspended": SHOWN_WAITS + 10}

@@ -40,7 +40,7 @@ class Watched:
         return list(self.player.central.tree.tasks.values())
 
     def request(self, kind: type, *arguments: object) -> None:
-        self.player.receive("user", kind(self.player.number("user"), *arguments))
+        self.player.request("user", kind, *arguments)
 
     def constraint(self, held: int) -> Constraint:
         """Most are for the end of a monitor."""
@@ -87,7 +87,7 @@ class Watched:
             return
         above = self.chance.choice(list(trouble_of(task).failing.lineage()))
         name = task.slot.id.decode()
-        self.player.receive(name, headers.Retry(self.player.number(name), TaskId(above.id), origin=task.given_as))
+        self.player.request(name, headers.Retry, TaskId(above.id), origin=task.given_as)
 
     def end(self) -> None:
         """All handlers return; monitors under the root are killed."""

@@ -74,8 +74,7 @@ class Blocking(Player):
             self.send(who, ("where", "look", "pose")[b % 3], origin=origin, blocking=blocks)
         elif what == "wait" and task:
             blocks = self.blocks(delivery)
-            header = headers.AwaitPoint(self.number(who), point(task.id, list(Moment)[c % 6]), origin, blocking=blocks)
-            self.receive(who, header)
+            self.request(who, headers.AwaitPoint, point(task.id, list(Moment)[c % 6]), origin, blocking=blocks)
         elif what in ("follow", "any") and tasks:
             followed = [tasks[b % len(tasks)], tasks[c % len(tasks)]][: 1 + a % 2]
             self._wait_for(who, delivery, followed, what, is_below=c % 3 == 0)
@@ -83,7 +82,7 @@ class Blocking(Player):
             self._await(what, b, c)
         elif what == "lock":
             resource, reserve = ("a", "b", "c")[b % 3], c % 2 == 0
-            self.receive(who, headers.Lock(self.number(who), resource, "", reserve, origin, blocking=True))
+            self.request(who, headers.Lock, resource, "", reserve, origin, blocking=True)
         else:
             self._steer(what, a, b, c)
 
@@ -141,7 +140,7 @@ class Blocking(Player):
         """Everything that can go on does, until nothing can."""
         for _ in range(1000):
             for task in [task for task in self.central.tree.tasks.values() if task.suspended]:
-                self.receive("operator", headers.Suspend(self.number("operator"), TaskId(task.id), resume=True))
+                self.request("operator", headers.Suspend, TaskId(task.id), resume=True)
             self.tick(1.0)
             free = self.free()
             for claim in list(self.central.claims.values()):  # whoever can will release what he has

@@ -64,12 +64,11 @@ class Told(Folding, Blocking):
         elif what == "wait":
             for task in [*self.central.tree.tasks.values()][b:][:1]:
                 place = point(task.id, list(Moment)[c % 6])
-                self.receive(name, headers.AwaitPoint(self.number(name), place, origin, blocking=True, brief=brief))
+                self.request(name, headers.AwaitPoint, place, origin, blocking=True, brief=brief)
         elif what == "lock":
-            wanted = headers.Lock(self.number(name), "abc"[b % 3], "", c % 3 == 0, origin, blocking=True, brief=brief)
-            self.receive(name, wanted)
+            self.request(name, headers.Lock, "abc"[b % 3], "", c % 3 == 0, origin, blocking=True, brief=brief)
         elif what == "be there":
-            self.receive(name, headers.WaitUntilHandled(self.number(name), ["missing"], origin=origin))
+            self.request(name, headers.WaitUntilHandled, ["missing"], origin=origin)
         elif what in ("give up", "lose"):
             self.end(what, b, c)
         else:

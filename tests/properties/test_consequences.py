@@ -65,7 +65,7 @@ class Life(Blocking):
         super().__init__(looks=False)
         self.check = False
         self.declare("user", "command later", "query never")
-        self.receive("user", headers.Attach(self.number("user"), Attachment("", "recover", 2), ROOT))
+        self.request("user", headers.Attach, Attachment("", "recover", 2), ROOT)
 
     def event(self, event: object) -> list[Effect]:
         self.events.append(event)
@@ -96,7 +96,7 @@ class Life(Blocking):
         elif what == "fail" and delivery:
             self.fail(who, "slipped", origin)
         elif what == "retry" and tasks:
-            self.receive("operator", headers.Retry(self.number("operator"), TaskId(tasks[b % len(tasks)].id)), b"\x08")
+            self.request("operator", headers.Retry, TaskId(tasks[b % len(tasks)].id), body=b"\x08")
         elif what == "give up":
             self._release(b)
         elif what == "lose":
@@ -104,8 +104,7 @@ class Life(Blocking):
             if slots and c % 4 == 0:
                 self.lose(slots[b % len(slots)].id.decode())
         elif what == "lock":
-            wanted = headers.Lock(self.number(who), "abd"[b % 3], "", c % 3 == 0, origin, blocking=True)
-            self.receive(who, wanted)
+            self.request(who, headers.Lock, "abd"[b % 3], "", c % 3 == 0, origin, blocking=True)
         else:
             super().do(what, a, b, c)
 
@@ -164,7 +163,7 @@ class Again(Player):
             self.take(self.at.run.messages[end.number].name)
         elif end.kind is WaitKind.RESUME:
             assert self.central.tree.tasks[TaskId(end.number)].suspended, f"{end} is not suspended"
-            self.receive("operator", headers.Suspend(self.number("operator"), TaskId(end.number), resume=True))
+            self.request("operator", headers.Suspend, TaskId(end.number), resume=True)
         elif end.kind is WaitKind.DELAY:
             self.tick(LONG)
         else:
@@ -240,7 +239,7 @@ def rest(again: Again, ends: tuple[End, ...], named: set[int]) -> Iterator[objec
             yield claim
     if WaitKind.RESUME not in kinds:
         for task in [one for one in central.tree.tasks.values() if one.suspended]:
-            again.receive("operator", headers.Suspend(again.number("operator"), TaskId(task.id), resume=True))
+            again.request("operator", headers.Suspend, TaskId(task.id), resume=True)
             yield f"{task} resumed"
     if WaitKind.HANDLER not in kinds:
         for name in ("later", "never"):

@@ -43,21 +43,21 @@ class Troubled(Blocking):
                 is_reissued = who.role is Role.EXCEPTION and b % 2 == 0
                 self.fail(who.slot.id.decode(), FAILURES[c % 3], who.given_as, reissue=is_reissued)
             case "raise" if task:
-                self.receive("operator", headers.Raise(self.number("operator"), task, FAILURES[c % 3]))
+                self.request("operator", headers.Raise, task, FAILURES[c % 3])
             case "retry" if task:
-                self.receive("operator", headers.Retry(self.number("operator"), task))
+                self.request("operator", headers.Retry, task)
             case "parting" if task:
                 self.send("operator", ("move", "park", "step")[c % 3], under=task, when_killed=True)
             case "attach":
                 attachment = Attachment(FAILURES[a % 4], ("mend", "save")[c % 2], c % 3)
                 where = TaskId(0) if b % 3 == 0 else task
-                self.receive("operator", headers.Attach(self.number("operator"), attachment, where))
+                self.request("operator", headers.Attach, attachment, where)
             case "deadline" if task:
                 at = point(task, list(Moment)[c % 6])
-                self.receive("operator", headers.Deadline(self.number("operator"), at, a))
+                self.request("operator", headers.Deadline, at, a)
             case "kill others" if task:
                 scope = (Scope.DESCENDANTS, Scope.SIBLINGS)[c % 2]
-                self.receive("operator", headers.Kill(self.number("operator"), task, "", scope))
+                self.request("operator", headers.Kill, task, "", scope)
             case "tap":
                 self.tap(task if b % 3 == 0 else TaskId(0), ("move", "walk", "step", "mend")[a % 4], b, c)
             case _:
@@ -67,7 +67,7 @@ class Troubled(Blocking):
         """The operator has something checked, by whoever blocks, too; what waits already as well."""
         condition = (Condition.BEFORE_HANDLING, Condition.BEFORE_HANDLING, Condition.BEFORE_ACHIEVING)[b % 3]
         message, listener = "" if task else message, ("park", "move", "step")[c % 3]
-        self.receive("operator", headers.Tap(self.number("operator"), condition, listener, message, task))
+        self.request("operator", headers.Tap, condition, listener, message, task)
 
 
 class Mixed(Life):
@@ -93,9 +93,9 @@ def come_to_an_end(player: Player) -> None:
     while quiet < QUIET and rounds < ROUNDS:
         for task in list(central.tree.tasks.values()):
             if task.suspended:
-                player.receive("user", headers.Suspend(player.number("user"), TaskId(task.id), resume=True))
+                player.request("user", headers.Suspend, TaskId(task.id), resume=True)
             if task.message.message_class.is_monitor:
-                player.receive("user", headers.EndMonitor(player.number("user"), TaskId(task.id)))
+                player.request("user", headers.EndMonitor, TaskId(task.id))
         for claim in list(central.claims.values()):
             if claim.holder is None and not claim.slot.waits:
                 player.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))

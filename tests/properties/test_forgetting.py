@@ -75,7 +75,7 @@ class Long:
         return point(self.task, END)
 
     def ask(self, kind: type, *fields: object) -> None:
-        answers = self.player.receive("user", kind(self.player.number("user"), *fields), b"\x07")
+        answers = self.player.request("user", kind, *fields, body=b"\x07")
         assert not any(isinstance(answer, headers.Refused) for answer in answers), answers
 
     def move(self, **options: object) -> int:

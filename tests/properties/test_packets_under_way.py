@@ -38,7 +38,7 @@ class Worker:
     def __init__(self, town: "Town", name: str) -> None:
         self.town, self.name = town, name
         town.player.hello(name)
-        town.player.receive(name, headers.Register(town.player.number(name), [*FORMATS], HANDLERS))
+        town.player.request(name, headers.Register, [*FORMATS], HANDLERS)
         self.session = Session(
             headers.Hello(0, headers.PROTOCOL_VERSION, name, f"run of {name}", 1, "it", prefetch=self.prefetch)
         )

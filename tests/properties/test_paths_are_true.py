@@ -47,7 +47,7 @@ class Quiet(Told):
             super().do(what, a, b, c)
         elif what == "deadline" and tasks:
             place = point(tasks[a % len(tasks)], list(Moment)[b % 6])
-            self.receive("operator", headers.Deadline(self.number("operator"), place, c % 10))
+            self.request("operator", headers.Deadline, place, c % 10)
         elif tasks:
             pair = point(tasks[a % len(tasks)], list(Moment)[b % 6]), point(-1, list(Moment)[c % 6])
             self.send("operator", ("walk", "move", "step")[a % 3], constraints=(before(*pair, b % 5),))

@@ -61,7 +61,7 @@ def test_a_slot_that_began_what_was_ahead_before_its_handler_was_gone_keeps_them
     for _ in range(3):
         player.send("user", "where")
     first, _, third = got(player, "ear/1")
-    player.receive("ear", headers.Unregister(player.number("ear"), []))
+    player.request("ear", headers.Unregister, [])
     player.reply("ear/1", first)
     player.receive("ear/1", headers.Recalled([third]))
     assert len(player.facts(facts.Delivered)) == 2
@@ -210,7 +210,7 @@ def test_a_parent_that_ends_before_its_child() -> None:
 def test_a_monitor_that_keeps_what_it_watches_over() -> None:
     player = Player.of("planner: goal walk", "eye: query seen", "user")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["seen", ""])
-    player.receive("user", headers.Register(player.number("user"), [watch]))
+    player.request("user", headers.Register, [watch])
     walk = player.task("user", "walk")
     monitor = player.task("planner/1", "watch", under=walk, watch=WatchOptions(5.0))
     player.reply("planner/1")

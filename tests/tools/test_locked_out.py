@@ -55,7 +55,7 @@ def two_arms() -> Contents:
     player.tick(20.0)
     player.reply("new/1")
     player.tick(10.0)
-    player.receive("map/1", headers.Release(player.number("map/1"), number))
+    player.request("map/1", headers.Release, number)
     player.reply(next(one for one in ("legs/1", "new/1") if player.delivered(one)))
     return contents(History.until(player.entries))
 
@@ -115,7 +115,7 @@ def lived(life: list[tuple[str, int]]) -> Run:
             player.receive(client, headers.Lock(wanted[-1][1], "legs", reserve=what == "reserve"))
         elif what == "release" and (had := [one for one in wanted if is_granted(player, *one)]):
             client, lock = wanted.pop(wanted.index(had[number % len(had)]))
-            player.receive(client, headers.Release(player.number(client), lock))
+            player.request(client, headers.Release, lock)
         player.tick(float(number))
     return History.until(player.entries)
 
