@@ -150,6 +150,16 @@ class Central:
     def signal(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
 
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+    def facts(self, *kinds: type) -> list[Any]:
+        """What its journal tells, of these kinds."""
+        from tca_tools.journal.journals import open_log
+
+        return [fact for entry in open_log(self.journal) for fact in entry.facts if isinstance(fact, kinds or object)]
+
     def stop(self) -> str:
         """End it; everything that it said since the first line."""
         if self.process.poll() is None:

@@ -191,8 +191,7 @@ def test_a_new_run_may_begin_where_a_central_has_crashed(tmp_path: Path) -> None
     with central(tmp_path) as first:
         with connect("early", first.address) as user:
             user.modules()
-        first.signal(signal.SIGKILL)
-        first.process.wait()
+        first.kill()
     before = {path.name: path.read_bytes() for path in first.journal.iterdir()}
     with central(tmp_path, "--fresh") as again, connect("late", again.address) as user:
         user.modules()
@@ -337,8 +336,7 @@ def test_a_client_that_slept_through_a_restart_loses_nothing(tmp_path: Path) -> 
             user.command(WORK, 1)
             user.set_variable(LEVEL, 1)
             user.set_variable(HEIGHT, 1)
-        first.signal(signal.SIGKILL)
-        first.process.wait()
+        first.kill()
         stack.enter_context(central(tmp_path / "again", bind=first.address))
         told = {call: CALLS[call][0](user) for call, user in users.items()}
         assert told == {call: expected for call, (_, expected) in CALLS.items()}

@@ -1,6 +1,5 @@
 """Central is killed under those who follow, observe, update and cancel a task, and goes on: they notice nothing."""
 
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -47,8 +46,7 @@ def central(tmp_path: Path) -> Iterator[list[Central]]:
 
 
 def kill(central: list[Central]) -> None:
-    central[-1].signal(signal.SIGKILL)
-    central[-1].process.communicate()
+    central[-1].kill()
 
 
 def test_a_task_is_followed_updated_and_cancelled_through_kills_of_central(

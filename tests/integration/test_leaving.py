@@ -12,7 +12,6 @@ from click.testing import CliRunner
 from processes import Central, Process, central, program
 
 from tca_module import Goal, Outcome, connect
-from tca_tools.journal.journals import open_log
 from tca_tools.live.questions import status
 from tca_wire.journal import facts
 
@@ -129,10 +128,7 @@ def test_all_arrives_at_a_central_that_takes_its_time(text: str, tmp_path: Path)
         _, said = script.communicate(timeout=30)
         assert (script.returncode, said) == (0, "")
         daemon.stop()
-        received = [
-            fact for entry in open_log(daemon.journal) for fact in entry.facts if isinstance(fact, facts.Received)
-        ]
-    assert sum(fact.message == "pose" for fact in received) == 51
+    assert sum(fact.message == "pose" for fact in daemon.facts(facts.Received)) == 51
 
 
 def test_a_thread_that_never_stops_sending_is_cut_off_without_a_word(tmp_path: Path) -> None:

@@ -35,7 +35,6 @@ from tca_module import (
     Variable,
     connect,
 )
-from tca_tools.journal.journals import open_log
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
 from tca_wire.packets import headers
@@ -300,9 +299,8 @@ def test_the_kill_of_a_very_large_tree_costs_no_living_module_its_place(tmp_path
             assert {"digger", "gauge", "hasty"} <= {module.name for module in user.modules()}
             assert dig.kill()
             assert dig.wait(timeout=60) is Outcome.KILLED
-    recorded = [fact for entry in open_log(daemon.journal) for fact in entry.facts]
-    assert sum(isinstance(fact, facts.Killed) for fact in recorded) == TASKS + 2
-    assert not [fact for fact in recorded if isinstance(fact, facts.Failed)]
+    assert len(daemon.facts(facts.Killed)) == TASKS + 2
+    assert not daemon.facts(facts.Failed)
 
 
 def fill(user: Client, walk: SentTask[None]) -> None:

@@ -4,7 +4,6 @@ import errno
 import os
 import re
 import shutil
-import signal
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -74,8 +73,7 @@ class Robot:
         self.legs.hear("runs")
 
     def kill(self) -> None:
-        self.central.signal(signal.SIGKILL)
-        self.central.process.communicate()
+        self.central.kill()
 
     def restart(self, *options: str) -> str:
         """Central comes back; its first line."""

@@ -13,7 +13,6 @@ from module.real_central import until
 from processes import Central, central, program
 
 from tca_module import CentralLost, Command, Module, MultiQuery, Outcome, Query, TaskFailed, Timeout, Variable, connect
-from tca_tools.journal.journals import open_log
 from tca_wire.journal import facts
 from tca_wire.packets import codec, headers
 
@@ -75,10 +74,9 @@ def eyes_at(address: str) -> Module:
     return eyes
 
 
-def silent(journal: Path) -> list[str]:
+def silent(daemon: Central) -> list[str]:
     """Which modules were lost for their silence, by the journal."""
-    found = [fact for entry in open_log(journal) for fact in entry.facts if isinstance(fact, facts.ModuleLeft)]
-    return [fact.module for fact in found if "silent" in fact.why]
+    return [fact.module for fact in daemon.facts(facts.ModuleLeft) if "silent" in fact.why]
 
 
 TCP = "tcp://127.0.0.1:*"
@@ -118,7 +116,7 @@ def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") ->
             assert legs.communicate()[1] == late
         log = [line for line in daemon.stop().splitlines() if "refused" in line or "nothing done" in line]
         assert log == [f"central: nothing done for module 'legs': {late.strip()}"]
-        assert silent(daemon.journal) == ["legs"]
+        assert silent(daemon) == ["legs"]
 
 
 def test_a_module_that_is_stopped_is_lost_and_comes_back_when_it_goes_on(tmp_path: Path) -> None:
@@ -151,7 +149,7 @@ def test_a_process_that_was_stopped_before_its_pulse_was_there_is_lost(tmp_path:
             until(lambda: {module.name for module in user.modules()} == {"user", "early"}, "it is there")
             until(lambda: {module.name for module in user.modules()} == {"user"}, "it is lost", SOON)
         daemon.stop()
-        assert silent(daemon.journal) == ["early"]
+        assert silent(daemon) == ["early"]
 
 
 @pytest.mark.soak
@@ -161,7 +159,7 @@ def test_a_handler_that_keeps_pythons_lock_is_not_dead(tmp_path: Path) -> None:
             user.wait_until_handled(LOAD, timeout=SOON)
             assert user.command(LOAD, 8.0).wait(timeout=SOON) is Outcome.DONE
         daemon.stop()
-        assert silent(daemon.journal) == []
+        assert silent(daemon) == []
 
 
 @pytest.mark.soak
@@ -200,7 +198,7 @@ def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> 
                 step.kill()
                 assert step.wait(timeout=SOON) is Outcome.KILLED
         daemon.stop()
-        assert silent(daemon.journal) == []
+        assert silent(daemon) == []
 
 
 @pytest.mark.soak
@@ -231,7 +229,7 @@ def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_p
             finally:
                 os.kill(child, signal.SIGKILL)
         daemon.stop()
-        assert silent(daemon.journal) == ["parent"]
+        assert silent(daemon) == ["parent"]
 
 
 def test_a_timeout_holds_at_a_messages_first_use_too(tmp_path: Path) -> None:
@@ -290,5 +288,5 @@ def test_a_task_whose_sender_believes_it_lost_is_not_done_when_central_goes_on(t
         wanted.kill()
         assert wanted.wait(5) is Outcome.KILLED
         daemon.stop()
-        killed = [fact for entry in open_log(daemon.journal) for fact in entry.facts if isinstance(fact, facts.Killed)]
+        killed = daemon.facts(facts.Killed)
     assert [(fact.by, bool(fact.why)) for fact in killed] == [("user", False), ("user", True), ("user", False)]

@@ -2,7 +2,6 @@
 
 import re
 import shutil
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -87,8 +86,7 @@ def test_the_note_leads_to_the_newer_run(look: Look, serve: Callable[..., str], 
 
 
 def begun_anew_after_a_kill(first: Central, start: Start) -> None:
-    first.signal(signal.SIGKILL)
-    first.process.wait()
+    first.kill()
     start("arm", REST)
 
 
