@@ -53,8 +53,7 @@ def test_queues_are_bounded_for_each_listener(monkeypatch: pytest.MonkeyPatch) -
 
 def test_queries_and_informs_that_nobody_handles_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
-    player = Player()
-    player.module("user")
+    player = Player.of("user")
     player.declare("user", "query where", "inform note")
     answers = [player.send("user", "where") for _ in range(3)]
     assert answers[2][0].refusal is Refusal.OVERLOAD
@@ -155,8 +154,7 @@ def test_who_could_not_decide_is_told_of_the_longest_failure_too() -> None:
 
 def test_names_of_messages_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "MESSAGES", 2)
-    player = Player()
-    player.module("user")
+    player = Player.of("user")
     player.declare("user", "query a", "query b")
     (answer,) = player.declare("user", "query c")
     assert answer.text == "2 messages have been declared: 'c' is too many"
@@ -189,8 +187,7 @@ def test_an_outcome_that_is_no_longer_known_is_not_said_to_be_done(monkeypatch: 
 
 
 def test_a_pending_limit_is_no_negative_number() -> None:
-    player = Player()
-    player.module("user")
+    player = Player.of("user")
     player.declare("user", "query where")
     handler = HandlerFormat("where", "user", "", -1)
     (answer,) = player.request("user", headers.Register, [], [handler])
@@ -199,8 +196,7 @@ def test_a_pending_limit_is_no_negative_number() -> None:
 
 
 def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    player = Player()
-    player.module("user")
+    player = Player.of("user")
     player.declare("user", "query where", "command move")
     declared = MessageFormat("check", MessageClass.POINT_MONITOR, ANY, "", ["where", "move"])
     player.request("user", headers.Register, [declared])
@@ -268,8 +264,7 @@ def test_so_many_kills_and_deadlines_may_lie_ahead_of_a_task() -> None:
 @pytest.mark.parametrize("number", [1, 5, 40])
 def test_exception_handlers_that_all_have_an_error_come_to_an_end(number: int) -> None:
     """However many there are, and however deep in one another."""
-    player = Player(check=False)
-    player.module("legs", "command move")
+    player = Player.of("legs: command move", check=False)
     player.module("expert", *(f"exception handler recover {one}" for one in range(number)), capacity=8 * number + 1)
     player.module("user")
     for one in range(number):
@@ -291,8 +286,7 @@ def test_exception_handlers_that_all_have_an_error_come_to_an_end(number: int) -
 
 def test_so_many_wait_to_lock_a_resource_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(claims, "MOST_CLAIMS", 3)
-    player = Player()
-    player.module("legs", "command move")
+    player = Player.of("legs: command move")
     answers = []
     for number in range(5):  # the first has it then
         player.module(f"user{number}")
@@ -345,8 +339,7 @@ FLOODS: dict[str, tuple[ModuleType, str, Callable[[int, int], Any], str]] = {
 def test_so_much_and_no_more(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     place, bound, make, why = FLOODS[what]
     monkeypatch.setattr(place, bound, 1)
-    player = Player()
-    player.module("user")
+    player = Player.of("user")
     player.declare("user", "goal walk", "command move", "query where", "exception handler recover")
     task = player.task("user", "walk")
     for _ in range(2):

@@ -61,8 +61,7 @@ def test_direct_messages_count_like_others() -> None:
 
 
 def test_all_that_wait_and_are_held_and_suspended_are_counted_also_where_not_all_are_told() -> None:
-    robot = Player()
-    robot.module("user", "goal walk")
+    robot = Player.of("user: goal walk")
     robot.declare("user", "command step")
     for _ in range(SHOWN_WAITS + 20):
         robot.task("user", "step", flags=int(Flags.SEQ_ACH))

@@ -93,8 +93,7 @@ def test_a_spared_exception_handler_that_is_retried_is_not_spared_any_more() -> 
 
 
 def test_a_module_started_again_has_a_sequence_of_its_own() -> None:
-    player = JudgedPlayer()
-    player.module("user")
+    player = JudgedPlayer.of("user")
     player.declare("user", "command nobody", "command move")
     player.task("user", "nobody")
     player.receive("user", headers.Bye())

@@ -51,9 +51,7 @@ def declare(player: Player, *formats: MessageFormat) -> Refused:
 
 @pytest.fixture
 def player() -> Player:
-    player = Player()
-    player.module("user")
-    return player
+    return Player.of("user")
 
 
 def test_a_notice_is_declared_as_central_has_it(player: Player) -> None:

@@ -24,8 +24,7 @@ APPROVED = Path(__file__).with_name("topics.json")
 
 @pytest.fixture
 def robot() -> Player:
-    player = Player()
-    player.module("planner", "goal walk", "exception handler recover")
+    player = Player.of("planner: goal walk, exception handler recover")
     player.module("legs", "command move", "variable mode", capacity=2, resource="feet", pending=3)
     player.module("user")
     player.declare("user", "goal walk", "command move", "command fly", "variable mode", "query where")

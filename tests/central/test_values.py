@@ -24,8 +24,7 @@ def declare(player: Player, module: str, data: str) -> None:
 
 @pytest.fixture
 def player() -> Player:
-    player = Player()
-    player.module("user")
+    player = Player.of("user")
     player.declare("user", "variable pose", "variable map")
     return player
 

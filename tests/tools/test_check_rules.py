@@ -144,9 +144,7 @@ def test_a_reply_that_was_there_is_waited_for() -> None:
 
 @pytest.mark.parametrize("missing", [facts.WaitBegan, facts.WaitEnded])
 def test_a_wait_for_changes_begins_and_ends(missing: type[facts.Fact]) -> None:
-    player = Player()
-    player.module("legs", "command move")
-    player.module("user")
+    player = Player.of("legs: command move", "user")
     task = player.task("user", "move")
     player.receive("user", Observe(number := player.number("user"), TaskId(task)))
     player.receive("user", headers.Await(number, seen=2))  # how it stands, and that this is all

@@ -190,10 +190,7 @@ SLIP = {"z": 1.5}
 
 def slipping() -> tuple[Player, int]:
     """A move with data 7, whose handler failed with data; an exception handler has been called."""
-    player = Player()
-    player.module("legs", "command move")
-    player.module("expert", "exception handler recover")
-    player.module("user")
+    player = Player.of("legs: command move", "expert: exception handler recover", "user")
     player.request("user", headers.Attach, Attachment("slip", "recover", 1), TaskId(0), "move")
     move = player.task("user", "move")
     player.tick(1.0)
@@ -244,11 +241,7 @@ def test_it_is_gone_as_soon_as_the_task_is_retried() -> None:
 
 
 def test_the_result_of_a_handler_that_ran_before_the_retry_is_void() -> None:
-    player = Player()
-    player.module("planner", "goal walk")
-    player.module("legs", "command move")
-    player.module("expert", "exception handler recover")
-    player.module("user")
+    player = Player.of("planner: goal walk", "legs: command move", "expert: exception handler recover", "user")
     walk = player.task("user", "walk")
     player.request("user", headers.Attach, Attachment("slip", "recover", 1), TaskId(walk))
     move = player.task("planner/1", "move", under=walk)

@@ -41,8 +41,7 @@ def two_arms() -> Contents:
     """An arm grips, its copy is idle. Who asks the map has to wait, for the map is to lock both; and so has the lift
     that is sent after it.
     """
-    player = Player()
-    player.module("legs", "command move")
+    player = Player.of("legs: command move")
     join(player, "new")
     player.module("map", "query where")
     player.module("user")
