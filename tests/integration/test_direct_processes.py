@@ -1,7 +1,6 @@
 """Direct messages between processes that are killed."""
 
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -42,10 +41,11 @@ MAP = """
 
 
 def ask_until_direct(daemon: Central, user: Client) -> None:
-    deadline = time.monotonic() + SOON
-    while not any(one.direct_from for one in History.until(open_log(daemon.journal)).handlings):
-        assert time.monotonic() < deadline
+    def goes_directly() -> bool:
         assert user.query(HEIGHT, 1.0, timeout=SOON) == 1.0
+        return any(one.direct_from for one in History.until(open_log(daemon.journal)).handlings)
+
+    until(goes_directly, "queries go directly", SOON)
 
 
 def begin_slow_query(user: Client, module: Process) -> PendingReply[float]:

@@ -6,13 +6,13 @@ import re
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from threading import Thread
 
 import pytest
 import zmq
-from module.real_central import until as wait_until
+from module.real_central import until
 from processes import Central, Process, central, program, tca
 
 from dev.invariants import check_invariants
@@ -102,14 +102,6 @@ def user(robot: Robot) -> Iterator[Client]:
         yield client
 
 
-def until(client: Client, holds: Callable[[], bool]) -> None:
-    for _ in range(4000):
-        if holds():
-            return
-        client.status()
-    pytest.fail("not in time")
-
-
 def test_commands_go_on_through_kills_and_none_is_done_twice(robot: Robot, user: Client) -> None:
     steps = []
     for number in range(120):
@@ -128,7 +120,7 @@ def test_commands_go_on_through_kills_and_none_is_done_twice(robot: Robot, user:
 def test_a_handler_goes_on_while_central_is_away_and_its_result_is_taken(robot: Robot, user: Client) -> None:
     user.set_variable(SPEED, 3)
     step = user.command(STEP, -1)
-    until(user, lambda: robot.begun()[-1] == 1)
+    until(lambda: robot.begun()[-1] == 1, "the step has begun")
     after = user.command(STEP, 5)
     user.status()
     robot.kill()
@@ -142,7 +134,7 @@ def test_a_handler_goes_on_while_central_is_away_and_its_result_is_taken(robot: 
 
 def test_whether_the_handler_of_a_dead_module_was_done_is_uncertain(robot: Robot, user: Client) -> None:
     step = user.command(STEP, -1)
-    until(user, lambda: robot.begun()[-1] == 1)
+    until(lambda: robot.begun()[-1] == 1, "the step has begun")
     robot.kill()
     robot.legs.kill()
     robot.legs.wait()
@@ -156,7 +148,7 @@ def test_a_program_has_ended_also_if_nobody_asks_for_its_exit_code(robot: Robot,
     user.command(STEP, 1).result(timeout=20)
     robot.kill()
     robot.legs.kill()
-    wait_until(lambda: Path(f"/proc/{robot.legs.pid}/stat").read_text().split()[2] == "Z", "it has ended")
+    until(lambda: Path(f"/proc/{robot.legs.pid}/stat").read_text().split()[2] == "Z", "it has ended")
     run = recover(robot.central.journal, unfinished(robot.central.journal))
     run.central.handle(run.restarted(hold=False))
     names = {connection.id: connection.module.name for connection in run.central.registry.connections.values()}
@@ -349,7 +341,7 @@ def test_a_wall_clock_that_has_jumped_changes_nothing(
 
 def test_without_inputs_a_new_run_begins_and_the_old_one_is_over(robot: Robot, user: Client) -> None:
     user.command(STEP, -1)
-    until(user, lambda: robot.begun()[-1] == 1)
+    until(lambda: robot.begun()[-1] == 1, "the step has begun")
     user.command(STEP, 5)
     user.status()
     robot.kill()
