@@ -87,10 +87,10 @@ def given_up(tmp_path_factory: pytest.TempPathFactory) -> Walk:
 
 @pytest.fixture(scope="module")
 def faulty(tmp_path_factory: pytest.TempPathFactory) -> Walk:
-    """Thirteen metres of 30 % hills, on which each fault occurs."""
+    """Twenty metres of 30 % hills, on which each fault occurs."""
     options = [text for fault in FAULTS for text in ("--fault", fault)]
     folder = tmp_path_factory.mktemp("faults")
-    return walk(folder, "--backend", "kinematic", "--distance", "13", "--terrain", "hills", *options)
+    return walk(folder, "--backend", "kinematic", "--distance", "20", "--terrain", "hills", *options)
 
 
 def assert_walked(walk: Walk) -> None:
