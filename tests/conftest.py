@@ -13,11 +13,13 @@ import pytest
 from hypothesis import settings
 
 sys.path.insert(0, str(Path(__file__).parent))
+import processes
+import sampling
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--rewrite", action="store_true", help="write the expected transcripts anew")
-    parser.addoption("--new-lives", action="store_true", help="random examples that were never tried before")
+    parser.addoption("--new-lives", action="store_true", help="random examples that were never tried before, and more")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -32,7 +34,7 @@ def pytest_configure(config: pytest.Config) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-    new = bool(config.getoption("--new-lives"))
+    new = sampling.in_the_soak = bool(config.getoption("--new-lives"))
     settings.register_profile("ours", derandomize=not new, deadline=None, max_examples=100 if new else 40)
     settings.load_profile("ours")
     if not hasattr(config, "workerinput") and config.getoption("numprocesses", None):
@@ -76,6 +78,7 @@ def pytest_collection() -> Generator[None, object, object]:
 
 def pytest_unconfigure(config: pytest.Config) -> None:
     """All that the tests and the processes they started have cost."""
+    processes.end()
     if not hasattr(config, "workerinput"):
         used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
         print(f"processor: {sum(one.ru_utime + one.ru_stime for one in used):.0f} s")

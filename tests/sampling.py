@@ -6,6 +6,14 @@ from typing import Any
 
 import pytest
 
+in_the_soak = False
+"""Whether new lives are wanted, and many: set before tests are collected."""
+
+
+def lives(usual: int, soak: int) -> int:
+    """How many random lives are tried, or how long they are: more in the soak."""
+    return soak if in_the_soak else usual
+
 
 def one_in(number: int, first: Iterable[str], second: Iterable[str]) -> list[Any]:
     """All pairs of two lists, as parameters; all but one in so many are of the soak. Each of either list is among those

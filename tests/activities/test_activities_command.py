@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from activities.joint import Joint
 from click.testing import CliRunner
-from integration.programs import central
+from processes import central
 
 from tca_behaviours.activities import Application
 from tca_behaviours.activities.manager import ApplicationMessages, Manager

@@ -1,14 +1,13 @@
 """Central is killed, and is away for longer than anybody waits: it knows everything once it is back."""
 
 import logging
-import signal
 import threading
 import time
 from pathlib import Path
 
 import pytest
 from activities.joint import Joint
-from integration.programs import Central
+from processes import Central
 
 from tca_behaviours.activities import Application, VirtualBaton, one_each
 from tca_behaviours.activities.central_ports import publish
@@ -35,8 +34,7 @@ def test_what_changes_while_central_is_away_is_told_later(tmp_path: Path, caplog
             losses.release()
 
     with module.running(patience=0.2), application.running():
-        central.signal(signal.SIGKILL)
-        central.process.communicate()
+        central.kill()
         joint.command.put("enable")
         baton.run(0.1)
         application.allocate(one_each)
@@ -76,8 +74,7 @@ def test_a_page_is_obeyed_at_once_when_central_is_back(tmp_path: Path) -> None:
 
     with module.running(), live.running():
         until_lost(is_lost=False)
-        central.signal(signal.SIGKILL)
-        central.process.communicate()
+        central.kill()
         until_lost(is_lost=True)
         central = Central(tmp_path)
         until_lost(is_lost=False)

@@ -1,17 +1,15 @@
 """The whole show, with a central of its own."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from processes import run
 
 
 @pytest.mark.soak
 def test_the_wall_is_cleaned_in_a_show(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "robots.cartesian_sim", "--out", str(tmp_path)]
-    shown = subprocess.run(command, text=True, capture_output=True, timeout=120, check=False)
+    shown = run("-m", "robots.cartesian_sim", "--out", str(tmp_path))
     assert (shown.returncode, shown.stderr) == (0, "")
     done = re.findall(r"s  (.*): done", shown.stdout)
     assert done == ["enable", "reference", "move to (1.5, 0.9)", "clean"]

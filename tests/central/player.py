@@ -1,7 +1,7 @@
 """Plays modules against the pure core: each call is one event, each returns what central sent."""
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
 from typing import Any, Self
 
@@ -79,6 +79,12 @@ class Player:
         effects = self.event(RequestReceived(self.time, ConnectionId(connection.encode()), header, body, principal))
         return [effect.header for effect in effects if isinstance(effect, Transmit)]
 
+    def request(
+        self, connection: str, kind: Callable[..., Any], /, *fields: Any, body: bytes = b"", **options: Any
+    ) -> list[Any]:
+        """Make a request, under the next number."""
+        return self.receive(connection, kind(self.number(connection), *fields, **options), body)
+
     def number(self, connection: str) -> int:
         self.numbers[connection] = self.numbers.get(connection, 0) + 1
         return self.numbers[connection]
@@ -88,19 +94,17 @@ class Player:
     ) -> list[Any]:
         module = module or connection
         number = 0 if not resource else sum(c.startswith(f"{module}/") for c in self.inbox) + 1
-        return self.receive(
+        return self.request(
             connection,
-            headers.Hello(
-                self.number(connection),
-                headers.PROTOCOL_VERSION,
-                module,
-                incarnation or f"run of {module}",
-                number,
-                resource,
-                "here:1",
-                Entrance(f"ipc:///{connection}", f"key of {connection}") if direct else None,
-                prefetch=self.prefetch,
-            ),
+            headers.Hello,
+            headers.PROTOCOL_VERSION,
+            module,
+            incarnation or f"run of {module}",
+            number,
+            resource,
+            "here:1",
+            Entrance(f"ipc:///{connection}", f"key of {connection}") if direct else None,
+            prefetch=self.prefetch,
         )
 
     def module(
@@ -126,7 +130,7 @@ class Player:
             )
             for message in messages
         ]
-        self.receive(name, headers.Register(self.number(name), messages, handlers))
+        self.request(name, headers.Register, messages, handlers)
         for index in range(capacity if handles else 0):
             self.hello(f"{name}/{index + 1}", name, resource or name, direct=direct)
 
@@ -147,17 +151,24 @@ class Player:
 
     def declare(self, connection: str, *messages: str) -> list[Any]:
         declared = [self.declared(words) for words in messages]
-        return self.receive(connection, headers.Register(self.number(connection), declared))
+        return self.request(connection, headers.Register, declared)
 
     def change(
         self, connection: str, task: int, transition: str, value: Any = None, *, serial: int = -1, **options: Any
     ) -> list[Any]:
         """Take a transition of a task: as its handler where it is that, else as a client."""
-        header = ChangeState(self.number(connection), TaskId(task), transition, serial, **options)
-        return self.receive(connection, header, b"" if value is None else msgspec.msgpack.encode(value))
+        return self.request(
+            connection,
+            ChangeState,
+            TaskId(task),
+            transition,
+            serial,
+            body=b"" if value is None else msgspec.msgpack.encode(value),
+            **options,
+        )
 
     def observe(self, connection: str, **about: Any) -> list[Any]:
-        return self.receive(connection, Observe(self.number(connection), **about))
+        return self.request(connection, Observe, **about)
 
     def send(
         self,
@@ -176,8 +187,7 @@ class Player:
         return self.receive(connection, header, msgspec.msgpack.encode(7))
 
     def set_variable(self, connection: str, variable: str, value: Any, *, swap: bool = False) -> list[Any]:
-        header = headers.SetVariable(self.number(connection), variable, swap=swap)
-        return self.receive(connection, header, msgspec.msgpack.encode(value))
+        return self.request(connection, headers.SetVariable, variable, body=msgspec.msgpack.encode(value), swap=swap)
 
     def task(self, connection: str, message: str, **options: Any) -> int:
         """Send a goal or command; its id."""
@@ -203,7 +213,7 @@ class Player:
     def resolve(self, connection: str, delivery: int = 0) -> list[Any]:
         """An exception handler says that its failure is resolved."""
         origin = delivery or self.delivered(connection)[-1]
-        return self.receive(connection, headers.Resolve(self.number(connection), origin))
+        return self.request(connection, headers.Resolve, origin)
 
     def tick(self, seconds: float) -> list[Effect]:
         """Let time pass."""

@@ -10,6 +10,7 @@ from central.player import ANY, IN_PYTHON, Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life
+from sampling import lives
 
 from tca_central.deadlock import deadlocks
 from tca_central.deadlock.search import Search
@@ -30,22 +31,11 @@ END, START = Moment.END_ACHIEVING, Moment.START_ACHIEVING
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=1)
+@settings(max_examples=lives(1, soak=200))
 def test_a_way_is_found_just_where_one_is_found_by_looking_everywhere(seed: int) -> None:
     """In trees with constraints across, retries, kills and ends."""
-    compare_in_lives(seed, 40)
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=200)
-def test_many_ways(seed: int) -> None:
-    compare_in_lives(seed, 60)
-
-
-def compare_in_lives(seed: int, stations: int) -> None:
     life, chance = Life(), random.Random(seed)
-    for number in range(stations):
+    for number in range(lives(40, soak=60)):
         life.go_on(seed + number, 12)
         compare(life.central.tree, chance)
 
@@ -58,9 +48,9 @@ def test_so_it_is_in_trees_of_which_nothing_has_begun(seed: int) -> None:
     for _ in range(12):
         one, other = chance.choices(sorted(player.central.tree.tasks) or [TaskId(1)], k=2)
         wanted = before(point(one, chance.choice(list(Moment))), point(other, chance.choice(list(Moment))))
-        player.receive("user", headers.Constrain(player.number("user"), [wanted]))
+        player.request("user", headers.Constrain, [wanted])
         if chance.random() < 0.1:
-            player.receive("user", headers.Kill(player.number("user"), TaskId(one)))
+            player.request("user", headers.Kill, TaskId(one))
         compare(player.central.tree, chance)
 
 
@@ -135,7 +125,7 @@ def test_the_way_from_an_exception_handler_to_what_it_has_retried_is_found() -> 
     player = Player.of("planner: goal walk", "eye: query seen", "expert: exception handler recover", "user")
     player.declare("user", "goal walk", "command move")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["seen", "move"])
-    player.receive("user", headers.Register(player.number("user"), [watch]))
+    player.request("user", headers.Register, [watch])
     walk = player.task("user", "walk", attachments=[Attachment("slip", "recover")])
     monitor = player.task("user", "watch", under=walk, origin=0, watch=WatchOptions(7))  # others put it there: it stays
     first = player.task("user", "move", flags=Flags.NONE)
@@ -144,12 +134,12 @@ def test_the_way_from_an_exception_handler_to_what_it_has_retried_is_found() -> 
     step = goal
     for _ in range(10):  # so that the search from the other end takes long
         step = player.task("user", "walk", under=step, origin=0)
-    player.receive("user", headers.Raise(player.number("user"), TaskId(goal), "slip"))
+    player.request("user", headers.Raise, TaskId(goal), "slip")
     tasks = player.central.tree.tasks
     (handler,) = (task for task in tasks.values() if task.role is Role.EXCEPTION)
-    player.receive("expert/1", headers.Retry(player.number("expert/1"), TaskId(walk)))
+    player.request("expert/1", headers.Retry, TaskId(walk))
     wanted = before(point(step, END), point(handler.id, END))
-    player.receive("user", headers.Constrain(player.number("user"), [wanted]))
+    player.request("user", headers.Constrain, [wanted])
     start, end = Place(tasks[TaskId(goal)], Moment.START_PLANNING), Place(tasks[TaskId(walk)], Moment.END_HANDLING)
     assert pruned(player.central.tree, start, end)
 
@@ -200,7 +190,7 @@ class Counted:
     def constrain(self, one: int, other: int) -> list[object]:
         self.steps = 0
         wanted = before(point(one, END), point(other, START))
-        return self.player.receive("user", headers.Constrain(self.player.number("user"), [wanted]))
+        return self.player.request("user", headers.Constrain, [wanted])
 
 
 @pytest.fixture
@@ -254,7 +244,7 @@ def test_what_is_below_a_task_that_ends_is_forgotten(counted: Counted) -> None:
     tree = counted.player.central.tree
     across: list[Task] = list(tree.across)
     assert [one.id for one in across] == [inner]
-    counted.player.receive("user", headers.Kill(counted.player.number("user"), TaskId(inner)))
+    counted.player.request("user", headers.Kill, TaskId(inner))
     assert not tree.across
 
 
@@ -296,7 +286,7 @@ class Crowd(Player):
 
     def wait(self, who: str, origin: int = 0) -> None:
         end = point(TaskId(self.walk), Moment.END_ACHIEVING)
-        self.receive(who, headers.AwaitPoint(self.number(who), end, origin, blocking=True))
+        self.request(who, headers.AwaitPoint, end, origin, blocking=True)
 
     def ask(self) -> int:
         """Ask whether it is done; the handler's delivery."""

@@ -59,7 +59,7 @@ def test_what_waits_is_bounded_in_bytes(message: str) -> None:
     assert "--memory" in told.text
     assert player.central.budget.refused == 1
     player.reply("busy/1")  # one has gone, and one gets in
-    player.receive("user", headers.Send(player.number("user"), message), b"\xc0")
+    player.request("user", headers.Send, message, body=b"\xc0")
     assert player.central.budget.refused == 1
 
 
@@ -80,8 +80,8 @@ def test_what_frees_something_gets_in_when_the_budget_is_spent() -> None:
     player = of("legs: command move, goal walk", "map: query where", "user")
     goal = player.task("user", "walk")
     tasks = [player.task("user", "move", under=goal) for _ in range(3)]
-    player.receive("user", headers.Lock(player.number("user"), "map"))
-    player.receive("user", headers.Send(player.number("user"), "where"), b"\xc0")
+    player.request("user", headers.Lock, "map")
+    player.request("user", headers.Send, "where", body=b"\xc0")
     query = player.numbers["user"]
     fill(player, headers.Send(1, "move", flags=Flags.NONE), bytes(10_000))
     player.central.budget.messages = player.central.budget.declared = 0
@@ -106,7 +106,7 @@ def test_results_failures_and_farewells_are_counted() -> None:
     goal = player.task("user", "walk")
     held = player.central.tree.bytes
     assert held == before + TASK_BYTES + 1
-    player.receive("user", headers.Send(player.number("user"), "move", TaskId(goal), when_killed=True), bytes(5000))
+    player.request("user", headers.Send, "move", TaskId(goal), body=bytes(5000), when_killed=True)
     assert player.central.tree.bytes > held + 5000
     child = player.task("user", "move", under=goal)
     player.receive("legs/1", headers.Reply(goal), bytes(3000))  # it waits for its child
@@ -135,7 +135,7 @@ def test_what_is_asked_for_about_a_task_is_bounded(what: str) -> None:
     player.declare("user", "command move", "exception handler recover", *(f"inform note {one}" for one in range(8)))
     task = TaskId(player.task("user", "move"))
     player.central.budget.declared = player.central.declared_bytes + 2500
-    answers = [player.receive("user", DECLARED[what](player.number("user"), task)) for _ in range(8)]
+    answers = [player.request("user", DECLARED[what], task) for _ in range(8)]
     refused = [one for sent in answers for one in sent if isinstance(one, headers.Refused)]
     assert refused
     assert {one.refusal for one in refused} == {Refusal.OVERLOAD}
@@ -216,9 +216,8 @@ def test_messages_that_nobody_needs_make_room_for_new_ones(monkeypatch: pytest.M
     assert player.task("gone", "held")
     player.receive("gone", headers.Send(0, "waiting"), b"\xc0")
     player.set_variable("gone", "value", 5)
-    player.receive("keeper", headers.Attach(player.number("keeper"), Attachment("", "recover"), message="guarded"))
-    tap = headers.Tap(player.number("keeper"), Condition.WHEN_SENT, "seen", "tapped")
-    player.receive("keeper", tap)
+    player.request("keeper", headers.Attach, Attachment("", "recover"), message="guarded")
+    player.request("keeper", headers.Tap, Condition.WHEN_SENT, "seen", "tapped")
     player.receive("gone", headers.Bye())
     player.module("new")
     (answer,) = player.declare("new", "inform d", "inform e")
@@ -252,7 +251,7 @@ def test_informs_that_nobody_handles_give_their_names_up_when_who_declared_them_
     player.declare("leaves", "inform kept", "query asked", *(f"inform {one}" for one in "abcdefgh"))
     for name in ("kept", *"hgfedcbaa"):  # of 'a' two wait, and more is lost with it
         player.receive("leaves", headers.Send(0, name), b"\xc0")
-    player.receive("leaves", headers.Send(player.number("leaves"), "asked"), b"\xc0")
+    player.request("leaves", headers.Send, "asked", body=b"\xc0")
     player.declare("stays", "inform i", "inform j")
     (refused,) = player.declare("stays", "inform l")  # their sender is there: it may send more
     assert refused.refusal is Refusal.OVERLOAD
@@ -289,14 +288,14 @@ def test_formats_are_bounded_in_bytes() -> None:
     answers = []
     for one in range(10):
         declared = MessageFormat(f"m{one}", MessageClass.INFORM, "x" * 10_000)
-        answers += player.receive("user", headers.Register(player.number("user"), [declared]))
+        answers += player.request("user", headers.Register, [declared])
     assert isinstance(answers[0], headers.Accepted)
     assert answers[-1].refusal is Refusal.OVERLOAD
     player.receive("user", headers.Bye())
     player.module("next")
     declared = MessageFormat("m", MessageClass.INFORM, "x" * 10_000)
     player.central.registry.look_after = 0
-    (answer,) = player.receive("next", headers.Register(player.number("next"), [declared]))
+    (answer,) = player.request("next", headers.Register, [declared])
     assert isinstance(answer, headers.Accepted)
 
 

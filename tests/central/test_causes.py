@@ -44,8 +44,8 @@ def test_a_handler_that_does_not_run_or_is_of_another_module_has_not_asked(origi
     player.task("user", "move")
     player.task("user", "move")
     player.reply("legs/2", 2)
-    player.receive("legs/1", headers.Suspend(player.number("legs/1"), TaskId(1), origin=origin))
-    player.receive("user", headers.Suspend(player.number("user"), TaskId(1), resume=True, origin=1))
+    player.request("legs/1", headers.Suspend, TaskId(1), origin=origin)
+    player.request("user", headers.Suspend, TaskId(1), resume=True, origin=1)
     assert [entry.cause.origin for entry in player.entries[-2:] if isinstance(entry.cause, Request)] == [0, 0]
 
 
@@ -60,26 +60,26 @@ def recovering() -> tuple[Player, int, int]:
 
 def test_what_an_exception_handler_has_killed_or_retried_names_it() -> None:
     player, task, handler = recovering()
-    player.receive("expert/1", headers.Retry(player.number("expert/1"), TaskId(task), origin=handler))
+    player.request("expert/1", headers.Retry, TaskId(task), origin=handler)
     (cause,) = causes(player, Retried)
     assert isinstance(cause, Request)
     assert (cause.module, cause.message, cause.origin) == ("expert", "Retry", handler)
     player, task, handler = recovering()
-    player.receive("expert/1", headers.Kill(player.number("expert/1"), TaskId(task), origin=handler))
+    player.request("expert/1", headers.Kill, TaskId(task), origin=handler)
     (killed,) = player.facts(Killed)
     assert (killed.by, killed.origin, killed.failed) == ("expert", handler, ROOT)
 
 
 def test_a_kill_that_was_planned_names_the_handler_that_planned_it() -> None:
     player, task, handler = recovering()
-    player.receive("expert/1", headers.Kill(player.number("expert/1"), TaskId(task), delay=5.0, origin=handler))
+    player.request("expert/1", headers.Kill, TaskId(task), delay=5.0, origin=handler)
     player.resolve("expert/1")
     player.reply("expert/1")
     player.task("user", "move")
     player.tick(5.0)
     assert not player.facts(Killed)  # it was dealt with, and has ended
     player, task, handler = recovering()
-    player.receive("expert/1", headers.Kill(player.number("expert/1"), TaskId(task), delay=5.0, origin=handler))
+    player.request("expert/1", headers.Kill, TaskId(task), delay=5.0, origin=handler)
     player.tick(5.0)
     assert [(fact.by, fact.origin) for fact in player.facts(Killed)] == [("expert", handler)]
     assert causes(player, Killed) == [TimeOver(Due.KILL, task)]
@@ -99,8 +99,8 @@ def test_a_kill_for_a_failure_that_nobody_handles_names_whose_it_was() -> None:
 def test_timers_that_are_due_at_the_same_event_are_entries_of_their_own() -> None:
     player = robot()
     for seconds in (20.0, 10.0, 0.0):
-        player.receive("user", headers.Send(player.number("user"), "move", deadline=seconds))
-    player.receive("user", headers.Kill(player.number("user"), TaskId(3), delay=15.0))
+        player.request("user", headers.Send, "move", deadline=seconds)
+    player.request("user", headers.Kill, TaskId(3), delay=15.0)
     before = len(player.entries)
     player.tick(99.0)
     new = player.entries[before:]

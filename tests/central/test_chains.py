@@ -21,7 +21,7 @@ def tapped(message: str, condition: Condition) -> Player:
     """A message that a note listens to."""
     player = Player.of(f"legs: {message}", "user", "note: inform note")
     name = Player.format(message).name
-    player.receive("user", headers.Tap(player.number("user"), condition, "note", name))
+    player.request("user", headers.Tap, condition, "note", name)
     player.declare("note", message)
     return player
 
@@ -46,8 +46,7 @@ def test_a_setter_of_a_tapped_variable_is_stopped() -> None:
     player = tapped("variable mode", Condition.WHILE_HANDLING)
     player.event(LimitsSet(player.time, 1 << 20, 1, 10))
     player.set_variable("user", "mode", 1)
-    header = headers.SetVariable(player.number("note"), "mode", player.delivered("note/1")[0])
-    (refused,) = player.receive("note", header, b"\x01")
+    (refused,) = player.request("note", headers.SetVariable, "mode", player.delivered("note/1")[0], body=b"\x01")
     assert refused.refusal is Refusal.OVERLOAD
 
 
@@ -64,7 +63,7 @@ def begun(maximum: int = 0, failure: str = "slip") -> Player:
     """A move that an exception handler retries each time it slips; a further one is at the root."""
     handlers = "expert: exception handler recover, exception handler stop"
     player = Player.of("legs: command move", handlers, "user", check=False)
-    player.receive("user", headers.Attach(player.number("user"), Attachment("", "stop")))
+    player.request("user", headers.Attach, Attachment("", "stop"))
     player.task("user", "move", attachments=[Attachment(failure, "recover", maximum)])
     return player
 
@@ -72,7 +71,7 @@ def begun(maximum: int = 0, failure: str = "slip") -> Player:
 def retry(player: Player) -> Any:
     """The move slips; the answer to the exception handler, which wants it retried."""
     player.fail("legs/1", "slip")
-    return player.receive("expert/1", headers.Retry(player.number("expert/1"), TaskId(2)))[-1]
+    return player.request("expert/1", headers.Retry, TaskId(2))[-1]
 
 
 def test_retries_end_at_a_default_and_the_search_continues() -> None:

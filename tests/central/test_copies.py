@@ -15,7 +15,7 @@ def join(player: Player, connection: str, *, pool: str = "") -> None:
     incarnation = f"run of {connection}"
     player.hello(connection, "legs", incarnation=incarnation)
     handled = [HandlerFormat("move", "legs", pool)]
-    player.receive(connection, headers.Register(player.number(connection), [player.format("command move")], handled))
+    player.request(connection, headers.Register, [player.format("command move")], handled)
     player.hello(f"{connection}/1", "legs", "legs", incarnation)
 
 
@@ -62,9 +62,9 @@ def test_whatever_comes_and_goes_nobody_is_let_in(life: list[tuple[str, int]]) -
             wanted.append((client, lock(player, client, reserve=name == "reserve")))
         elif name == "release" and wanted:
             client, number = wanted.pop(choice % len(wanted))
-            player.receive(client, headers.Release(player.number(client), number))
+            player.request(client, headers.Release, number)
     for client, number in wanted:
-        player.receive(client, headers.Release(player.number(client), number))
+        player.request(client, headers.Release, number)
     while busy := [one for one in copies if player.delivered(f"{one}/1")]:
         player.reply(f"{busy[0]}/1")
     assert not player.central.claims

@@ -21,11 +21,17 @@ def player() -> Player:
 
 
 def slot(player: Player, connection: str, number: int, hung_after: float = AFTER) -> list[object]:
-    hello = headers.Hello(
-        player.number(connection), headers.PROTOCOL_VERSION, "legs", "run of legs", number, "legs", "here:1",
+    return player.request(
+        connection,
+        headers.Hello,
+        headers.PROTOCOL_VERSION,
+        "legs",
+        "run of legs",
+        number,
+        "legs",
+        "here:1",
         hung_after=hung_after,
-    )  # fmt: skip
-    return player.receive(connection, hello)
+    )
 
 
 def pass_time(player: Player, seconds: float) -> None:
@@ -41,7 +47,7 @@ def test_a_killed_task_whose_handler_hangs_ends_and_another_slot_gets_what_is_ne
     first, second = player.task("user", "move"), player.task("user", "move")
     waiting = headers.AwaitPoint(player.number("user"), point(first, Moment.END_ACHIEVING))
     player.receive("user", waiting)
-    player.receive("user", headers.Kill(player.number("user"), TaskId(first)))
+    player.request("user", headers.Kill, TaskId(first))
     pass_time(player, AFTER - 2)
     assert first in player.central.tree.tasks
     pass_time(player, 2.0)
@@ -59,7 +65,7 @@ def test_a_killed_task_whose_handler_hangs_ends_and_another_slot_gets_what_is_ne
 
 def test_who_was_given_up_has_no_say_any_more(player: Player) -> None:
     task = player.task("user", "move")
-    player.receive("user", headers.Kill(player.number("user"), TaskId(task)))
+    player.request("user", headers.Kill, TaskId(task))
     pass_time(player, AFTER + 1)
     (answer,) = player.receive("legs/1", headers.Reply(task), b"\xc0")
     assert isinstance(answer, headers.Unknown)
@@ -79,7 +85,7 @@ def test_a_query_whose_sender_gave_up_frees_its_slot(player: Player) -> None:
 
 def test_who_returns_in_time_keeps_his_slot(player: Player) -> None:
     task = player.task("user", "move")
-    player.receive("user", headers.Kill(player.number("user"), TaskId(task)))
+    player.request("user", headers.Kill, TaskId(task))
     player.reply("legs/1")
     following = player.task("user", "move")
     pass_time(player, 2 * AFTER)
@@ -90,7 +96,7 @@ def test_who_returns_in_time_keeps_his_slot(player: Player) -> None:
 def test_without_a_word_about_it_a_handler_may_take_as_long_as_it_likes(player: Player) -> None:
     player.module("arms", "command lift", capacity=1)
     task = player.task("user", "lift")
-    player.receive("user", headers.Kill(player.number("user"), TaskId(task)))
+    player.request("user", headers.Kill, TaskId(task))
     pass_time(player, 10_000.0)
     assert player.central.tree.tasks[task].killed
     assert player.central.clock.next is None
@@ -98,7 +104,7 @@ def test_without_a_word_about_it_a_handler_may_take_as_long_as_it_likes(player: 
 
 def test_a_module_whose_own_connection_was_away_is_told_when_it_is_back(player: Player) -> None:
     task = player.task("user", "move")
-    player.receive("user", headers.Kill(player.number("user"), TaskId(task)))
+    player.request("user", headers.Kill, TaskId(task))
     pass_time(player, AFTER + 1)
     player.inbox["legs"].clear()
     sent = player.hello("legs back", "legs", incarnation="run of legs")

@@ -78,7 +78,7 @@ def test_a_handler_that_fails_with_a_strange_name_has_failed_all_the_same(player
 
 
 def test_what_is_withdrawn_twice_in_one_request_is_withdrawn_once(player: Player) -> None:
-    (answer,) = player.receive("legs", headers.Unregister(player.number("legs"), ["note", "note"]))
+    (answer,) = player.request("legs", headers.Unregister, ["note", "note"])
     assert isinstance(answer, Accepted)
     assert list(player.central.registry.modules["run of legs"].handlers) == ["move"]
 
@@ -88,34 +88,30 @@ def test_nobody_loses_more_messages_than_there_are(player: Player, number: int) 
     for _ in range(3):
         player.receive("user", Noted([], [Loss("note", number)]))
     assert not player.facts(LostDirectly)
-    player.receive(
-        "user", headers.Ask(player.number("user"), "messages")
-    )  # else its answer has numbers too big to send
+    player.request("user", headers.Ask, "messages")  # else its answer has numbers too big to send
 
 
 def test_a_long_reason_or_refusal_is_cut(player: Player) -> None:
     task = player.task("user", "move")
-    player.receive("user", headers.Kill(player.number("user"), TaskId(task), "why" * 100_000))
+    player.request("user", headers.Kill, TaskId(task), "why" * 100_000)
     assert len(player.facts_of("killed")[-1].why) <= Limit.TEXT + 100
-    (answer,) = player.receive("user", headers.Send(player.number("user"), "name" * 100_000))
+    (answer,) = player.request("user", headers.Send, "name" * 100_000)
     assert len(answer.text) <= Limit.TEXT
 
 
 def test_a_body_that_is_too_long_is_refused_with_both_sizes(player: Player) -> None:
     body = bytes(Limit.BODY + 1)
-    (answer,) = player.receive("user", headers.Send(player.number("user"), "note"), body)
+    (answer,) = player.request("user", headers.Send, "note", body=body)
     assert (
         answer.text == "a body of 8,388,609 bytes; at most 8,388,608 are allowed: send a reference to the data instead"
     )
     assert not player.facts(Dropped)
-    assert isinstance(
-        player.receive("user", headers.Send(player.number("user"), "note"), body[1:])[-1], headers.Deliver | Accepted
-    )
+    assert isinstance(player.request("user", headers.Send, "note", body=body[1:])[-1], headers.Deliver | Accepted)
 
 
 def test_a_handler_whose_answer_is_too_long_fails_and_its_sender_is_told(player: Player) -> None:
     task = player.task("user", "move")
-    player.receive("user", headers.Send(player.number("user"), "move"), b"\x07")
+    player.request("user", headers.Send, "move", body=b"\x07")
     answers = player.receive("legs/1", headers.Reply(task), bytes(Limit.BODY + 1))
     (failed,) = player.facts(Failed)
     assert "its answer has a body of 8,388,609 bytes" in failed.text
@@ -139,8 +135,8 @@ def test_the_oldest_of_those_that_came_at_one_time_is_the_first_that_came(player
     for name in ("move", "note", "move"):
         player.send("user", name, flags=Flags.NONE, number=player.number("user"))
         player.time -= 1.0
-    player.receive("user", headers.Kill(player.number("user"), TaskId(2)))
-    (answer, *_) = player.receive("user", headers.Ask(player.number("user"), "load"))
+    player.request("user", headers.Kill, TaskId(2))
+    (answer, *_) = player.request("user", headers.Ask, "load")
     load = msgspec.msgpack.decode(player.inbox["user"][-1][1])
     assert isinstance(answer, headers.Answer)
     assert [one["name"] for one in load["waits"]] == ["note"]
@@ -163,7 +159,7 @@ def test_a_request_that_waits_needs_a_number(header: Any) -> None:
 def test_polling_monitor_is_refused_when_its_period_is_no_time(period: float) -> None:
     player = Player.of("legs: query where, command move", "user")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["where", "move"])
-    player.receive("user", headers.Register(player.number("user"), [watch]))
+    player.request("user", headers.Register, [watch])
     (answer,) = player.send("user", "watch", watch=WatchOptions(period=period))
     assert isinstance(answer, Refused)
     assert answer.refusal is Refusal.PROTOCOL

@@ -31,9 +31,9 @@ def test_a_request_holds_so_many_constraints_and_no_more() -> None:
     player = Player.of("legs: command move", "user")
     task, other = player.task("user", "move"), player.task("user", "move")
     constraint = before(point(task, Moment.END_ACHIEVING), point(other, Moment.END_ACHIEVING))
-    (answer,) = player.receive("user", headers.Constrain(player.number("user"), [constraint] * 1001))
+    (answer,) = player.request("user", headers.Constrain, [constraint] * 1001)
     assert answer.text == "1001 constraints in one request: 1000 are allowed, send several requests"
-    (answer,) = player.receive("user", headers.Constrain(player.number("user"), [constraint] * 1000))
+    (answer,) = player.request("user", headers.Constrain, [constraint] * 1000)
     assert isinstance(answer, headers.Accepted)
 
 
@@ -53,8 +53,7 @@ def test_queues_are_bounded_for_each_listener(monkeypatch: pytest.MonkeyPatch) -
 
 def test_queries_and_informs_that_nobody_handles_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
-    player = Player()
-    player.module("user")
+    player = Player.of("user")
     player.declare("user", "query where", "inform note")
     answers = [player.send("user", "where") for _ in range(3)]
     assert answers[2][0].refusal is Refusal.OVERLOAD
@@ -113,7 +112,7 @@ def test_who_is_turned_away_is_told_what_fills_the_queue(monkeypatch: pytest.Mon
 def test_what_fills_the_queue_is_told_of_a_pool_and_of_a_locked_resource(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 1)
     player = Player.of("map: query where", "user")
-    player.receive("user", headers.Lock(player.number("user"), "map"))
+    player.request("user", headers.Lock, "map")
     player.send("user", "where")
     assert player.send("user", "where")[0].text == (
         "1 message waits for map, which user has locked, where {2} first in line; from 1 on only tasks are let in: "
@@ -142,7 +141,7 @@ def test_of_a_failure_that_says_too_much_beginning_and_end_are_kept() -> None:
 def test_who_could_not_decide_is_told_of_the_longest_failure_too() -> None:
     player = Player.of("legs: command move", "expert: exception handler recover", "user")
     for of in ("", "move"):
-        player.receive("expert", headers.Attach(player.number("expert"), Attachment("slip", "recover"), TaskId(0), of))
+        player.request("expert", headers.Attach, Attachment("slip", "recover"), TaskId(0), of)
     player.task("user", "move")
     text = f"ValueError: not an image: {'iVBORw0K' * 4000}"
     player.receive("legs/1", headers.Fail(player.delivered("legs/1")[-1], "slip", text))
@@ -155,8 +154,7 @@ def test_who_could_not_decide_is_told_of_the_longest_failure_too() -> None:
 
 def test_names_of_messages_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "MESSAGES", 2)
-    player = Player()
-    player.module("user")
+    player = Player.of("user")
     player.declare("user", "query a", "query b")
     (answer,) = player.declare("user", "query c")
     assert answer.text == "2 messages have been declared: 'c' is too many"
@@ -184,27 +182,24 @@ def test_an_outcome_that_is_no_longer_known_is_not_said_to_be_done(monkeypatch: 
     for _ in range(4):
         player.task("user", "move")
         player.reply("legs/1", value=5)
-    wait = headers.AwaitPoint(player.number("user"), point(failed, Moment.END_ACHIEVING))
-    (answer,) = player.receive("user", wait)
+    (answer,) = player.request("user", headers.AwaitPoint, point(failed, Moment.END_ACHIEVING))
     assert answer.text == f"task {failed} ended too long ago to know how: see the journal"
 
 
 def test_a_pending_limit_is_no_negative_number() -> None:
-    player = Player()
-    player.module("user")
+    player = Player.of("user")
     player.declare("user", "query where")
     handler = HandlerFormat("where", "user", "", -1)
-    (answer,) = player.receive("user", headers.Register(player.number("user"), [], [handler]))
+    (answer,) = player.request("user", headers.Register, [], [handler])
     assert answer.text == "pending=-1 of 'where': give 1 or more, or 0 for no limit"
     assert player.facts_of("handler") == []
 
 
 def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    player = Player()
-    player.module("user")
+    player = Player.of("user")
     player.declare("user", "query where", "command move")
     declared = MessageFormat("check", MessageClass.POINT_MONITOR, ANY, "", ["where", "move"])
-    player.receive("user", headers.Register(player.number("user"), [declared]))
+    player.request("user", headers.Register, [declared])
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 0)
     player.task("user", "check")
     (failed,) = player.facts_of("failed")
@@ -242,7 +237,7 @@ def test_a_deep_kept_tree_is_forgotten_without_recursion() -> None:
         player.reply("planner/1")
     assert len(player.central.memory.kept) == depth
     check_invariants(player.central)
-    player.receive("user", headers.Keep(player.number("user"), TaskId(1), release=True))
+    player.request("user", headers.Keep, TaskId(1), release=True)
     assert not player.central.memory.kept
     check_invariants(player.central)
 
@@ -254,8 +249,8 @@ def test_so_many_kills_and_deadlines_may_lie_ahead_of_a_task() -> None:
     task, other = player.task("user", "move"), player.task("user", "move", flags=Flags.NONE)
     end = point(task, Moment.END_ACHIEVING)
     for _ in range(500):
-        player.receive("user", headers.Deadline(player.number("user"), end, 1e6))
-        player.receive("user", headers.Kill(player.number("user"), TaskId(task), "", Scope.TASK, None, 1e6))
+        player.request("user", headers.Deadline, end, 1e6)
+        player.request("user", headers.Kill, TaskId(task), "", Scope.TASK, None, 1e6)
     text = f"1000 kills, deadlines and delays lie ahead of task {task} 'move' already"
     for header in (headers.Deadline(0, end, 1.0), headers.Kill(0, TaskId(task), "", Scope.TASK, None, 1.0)):
         (refused,) = player.receive("user", header)
@@ -269,13 +264,12 @@ def test_so_many_kills_and_deadlines_may_lie_ahead_of_a_task() -> None:
 @pytest.mark.parametrize("number", [1, 5, 40])
 def test_exception_handlers_that_all_have_an_error_come_to_an_end(number: int) -> None:
     """However many there are, and however deep in one another."""
-    player = Player(check=False)
-    player.module("legs", "command move")
+    player = Player.of("legs: command move", check=False)
     player.module("expert", *(f"exception handler recover {one}" for one in range(number)), capacity=8 * number + 1)
     player.module("user")
     for one in range(number):
         attachment = Attachment("", f"recover {one}")
-        player.receive("user", headers.Attach(player.number("user"), attachment, TaskId(0), "move"))
+        player.request("user", headers.Attach, attachment, TaskId(0), "move")
     task = player.task("user", "move")
     player.fail("legs/1", "slip")
     calls = 0
@@ -292,12 +286,11 @@ def test_exception_handlers_that_all_have_an_error_come_to_an_end(number: int) -
 
 def test_so_many_wait_to_lock_a_resource_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(claims, "MOST_CLAIMS", 3)
-    player = Player()
-    player.module("legs", "command move")
+    player = Player.of("legs: command move")
     answers = []
     for number in range(5):  # the first has it then
         player.module(f"user{number}")
-        answers += player.receive(f"user{number}", headers.Lock(player.number(f"user{number}"), "legs"))
+        answers += player.request(f"user{number}", headers.Lock, "legs")
     *others, last = answers
     assert not any(isinstance(answer, headers.Refused) for answer in others)
     assert last.refusal is Refusal.OVERLOAD
@@ -317,8 +310,8 @@ def test_of_locks_that_were_taken_away_only_so_many_are_remembered(monkeypatch: 
     monkeypatch.setattr(claims, "MOST_CLAIMS", 3)
     player = Player.of("legs: command move", "user", "operator")
     for _ in range(5):
-        player.receive("user", headers.Lock(player.number("user"), "legs"))
-        player.receive("operator", headers.Unlock(player.number("operator"), "legs"))
+        player.request("user", headers.Lock, "legs")
+        player.request("operator", headers.Unlock, "legs")
     (user,) = [one for one in player.central.registry.connections.values() if one.module.name == "user"]
     assert len(user.lost_claims) == 3
 
@@ -326,8 +319,8 @@ def test_of_locks_that_were_taken_away_only_so_many_are_remembered(monkeypatch: 
 def test_a_lock_of_no_handler_is_no_loss_of_the_one_that_runs_beside_it() -> None:
     player = Player.of("legs: command move", "map: query where", "user")
     assert player.task("user", "move") == 1
-    player.receive("legs/1", headers.Lock(player.number("legs/1"), "map"))
-    player.receive("user", headers.Unlock(player.number("user"), "map"))
+    player.request("legs/1", headers.Lock, "map")
+    player.request("user", headers.Unlock, "map")
     player.reply("legs/1")
     assert not player.facts_of("failed")
 
@@ -346,12 +339,11 @@ FLOODS: dict[str, tuple[ModuleType, str, Callable[[int, int], Any], str]] = {
 def test_so_much_and_no_more(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     place, bound, make, why = FLOODS[what]
     monkeypatch.setattr(place, bound, 1)
-    player = Player()
-    player.module("user")
+    player = Player.of("user")
     player.declare("user", "goal walk", "command move", "query where", "exception handler recover")
     task = player.task("user", "walk")
     for _ in range(2):
-        answers = player.receive("user", make(player.number("user"), task))
+        answers = player.request("user", make, task)
     (refused,) = answers
     assert refused.refusal is Refusal.OVERLOAD
     assert why in refused.text

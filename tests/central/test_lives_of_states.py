@@ -4,12 +4,12 @@ what the tables say.
 
 from collections import defaultdict
 
-import pytest
 from central.test_random_lives import end_everything
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.life_of_states import LifeOfStates
 from properties.oracle_states import Reference
+from sampling import lives
 
 from tca_wire.life_cycles import Effect
 from tca_wire.packets import headers
@@ -95,32 +95,16 @@ def judged(seed: int, events: int) -> None:
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=4)
-def test_states_are_what_the_tables_say(seed: int) -> None:
-    judged(seed, 200)
-
-
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=3)
-def test_everything_ends_where_handlers_reject_or_are_pre_empted(seed: int) -> None:
-    life = BusyLife()
-    life.go_on(seed, 150)
-    end(life)
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
 @example(1406319357)  # a handler accepts with a goal of its own
 @example(1395)  # an exception handler resolves a failure
-@settings(max_examples=150)
-def test_states_are_what_the_tables_say_in_many_lives(seed: int) -> None:
-    judged(seed, 800)
+@settings(max_examples=lives(3, soak=150))
+def test_states_are_what_the_tables_say(seed: int) -> None:
+    judged(seed, lives(200, soak=800))
 
 
-@pytest.mark.soak
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=150)
-def test_everything_ends_where_handlers_reject_or_are_pre_empted_in_many_lives(seed: int) -> None:
+@settings(max_examples=lives(3, soak=150))
+def test_everything_ends_where_handlers_reject_or_are_pre_empted(seed: int) -> None:
     life = BusyLife()
-    life.go_on(seed, 600)
+    life.go_on(seed, lives(150, soak=600))
     end(life)

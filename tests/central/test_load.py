@@ -61,14 +61,13 @@ def test_direct_messages_count_like_others() -> None:
 
 
 def test_all_that_wait_and_are_held_and_suspended_are_counted_also_where_not_all_are_told() -> None:
-    robot = Player()
-    robot.module("user", "goal walk")
+    robot = Player.of("user: goal walk")
     robot.declare("user", "command step")
     for _ in range(SHOWN_WAITS + 20):
         robot.task("user", "step", flags=int(Flags.SEQ_ACH))
     for _ in range(SHOWN_WAITS + 10):
         suspended = robot.task("user", "step", flags=0)
-        robot.receive("user", headers.Suspend(robot.number("user"), TaskId(suspended)))
+        robot.request("user", headers.Suspend, TaskId(suspended))
     told = load(robot.central)
     assert (len(told["held"]), len(told["suspended"])) == (SHOWN_WAITS, SHOWN_WAITS)
     assert told["totals"] == {"waits": 1, "held": SHOWN_WAITS + 19, "suspended": SHOWN_WAITS + 10}

@@ -123,7 +123,7 @@ def test_the_newest_tasks_can_be_named() -> None:
     player = Player.of("legs: command move", "user", check=False)
     oldest, newer, *_ = [sent_quietly(player, "user", "move") for _ in range(REMEMBERED_TASKS + 1)]
     for request, is_known in ((oldest, False), (newer, True)):
-        *_, answer = player.receive("user", headers.Suspend(player.number("user"), TaskId(-request)))
+        *_, answer = player.request("user", headers.Suspend, TaskId(-request))
         assert isinstance(answer, Accepted) == is_known
 
 

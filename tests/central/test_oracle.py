@@ -8,8 +8,9 @@ import pytest
 from central.player import Player, before, point
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from properties.life import MODULES, Life, operation
+from properties.life import MODULES, Life, Operations, operations
 from properties.oracle import Oracle
+from sampling import lives
 
 from tca_central.events import Effect, Tick
 from tca_wire.constraints import Flags
@@ -79,7 +80,7 @@ def test_a_spared_exception_handler_that_is_retried_is_not_spared_any_more() -> 
     player.module("expert", "exception handler recover", capacity=2)
     player.module("user")
     player.declare("user", "command move")
-    player.receive("user", headers.Attach(player.number("user"), Attachment("", "recover")))
+    player.request("user", headers.Attach, Attachment("", "recover"))
     for slot in (1, 2):
         player.task("user", "move", flags=Flags.NONE)
         player.fail(f"legs/{slot}", "slipped")
@@ -87,20 +88,19 @@ def test_a_spared_exception_handler_that_is_retried_is_not_spared_any_more() -> 
     player.receive("expert/2", headers.Bye())
     player.lose("expert")
     assert recovers in player.central.tree.tasks
-    player.receive("user", headers.Retry(player.number("user"), TaskId(recovers)))
+    player.request("user", headers.Retry, TaskId(recovers))
     assert recovers not in player.central.tree.tasks
 
 
 def test_a_module_started_again_has_a_sequence_of_its_own() -> None:
-    player = JudgedPlayer()
-    player.module("user")
+    player = JudgedPlayer.of("user")
     player.declare("user", "command nobody", "command move")
     player.task("user", "nobody")
     player.receive("user", headers.Bye())
     player.module("user")
     player.module("legs", "command move")
     player.task("user", "move", suspended=True)
-    player.receive("user", headers.Kill(player.number("user"), TaskId(player.central.tree.newest)))
+    player.request("user", headers.Kill, TaskId(player.central.tree.newest))
     player.task("user", "move")
     assert player.delivered("legs/1") == [player.central.tree.newest]
 
@@ -108,8 +108,15 @@ def test_a_module_started_again_has_a_sequence_of_its_own() -> None:
 def test_a_tap_before_the_end_is_first_where_the_start_comes_too() -> None:
     player = JudgedLife().player
     for condition in (Condition.WHEN_ACHIEVED, Condition.WHILE_ACHIEVING):
-        tap = headers.Tap(player.number("user"), condition, "guard", "walk", watch=WatchOptions(maximum=1))
-        player.receive("user", tap, msgspec.msgpack.encode(7))
+        player.request(
+            "user",
+            headers.Tap,
+            condition,
+            "guard",
+            "walk",
+            body=msgspec.msgpack.encode(7),
+            watch=WatchOptions(maximum=1),
+        )
     task = player.task("user", "walk", flags=Flags.PLAN_FIRST)
     player.reply("planner1/1", task)
     assert [fact.message for fact in player.facts(Received) if fact.role is Role.LISTENER] == ["guard", "guard"]
@@ -119,15 +126,14 @@ def test_a_tap_before_the_end_is_first_where_the_start_comes_too() -> None:
 def test_a_monitor_over_as_it_begins_holds_what_listens(is_ended: bool) -> None:
     player = JudgedLife().player
     for condition, listener in ((Condition.WHEN_ACHIEVED, "lift"), (Condition.WHILE_ACHIEVING, "guard")):
-        tap = headers.Tap(player.number("user"), condition, listener, "guard")
-        player.receive("user", tap, msgspec.msgpack.encode(7))
+        player.request("user", headers.Tap, condition, listener, "guard", body=msgspec.msgpack.encode(7))
     past = player.task("user", "move")
     player.reply("legs2/1", past)
     options = WatchOptions() if is_ended else WatchOptions(until=point(past, Moment.END_ACHIEVING))
     guard = player.task("user", "guard", watch=options, suspended=True)
     if is_ended:
-        player.receive("user", headers.EndMonitor(player.number("user"), TaskId(guard)))
-    player.receive("user", headers.Suspend(player.number("user"), TaskId(guard), resume=True))
+        player.request("user", headers.EndMonitor, TaskId(guard))
+    player.request("user", headers.Suspend, TaskId(guard), resume=True)
     children = player.central.tree.tasks[guard].children or {}
     assert [child.message.name for child in children.values()] == ["lift", "guard"]
 
@@ -141,13 +147,13 @@ def with_two_handlers(module: str, message: str) -> tuple[JudgedPlayer, TaskId]:
     player.declare("user", message)
     name = message.rsplit(maxsplit=1)[-1]
     for handler in ("report", "recover"):
-        player.receive("user", headers.Attach(player.number("user"), Attachment("", handler), message=name))
+        player.request("user", headers.Attach, Attachment("", handler), message=name)
     return player, TaskId(player.task("user", name))
 
 
 def test_a_goal_is_planned_when_its_handlers_are_heard() -> None:
     player, task = with_two_handlers("planner", "goal walk")
-    player.receive("user", headers.Raise(player.number("user"), task, "slipped"))
+    player.request("user", headers.Raise, task, "slipped")
     player.reply("planner/1", task)
     player.reply("expert/1")
     assert player.delivered("expert/1") == [player.central.tree.newest]
@@ -156,8 +162,8 @@ def test_a_goal_is_planned_when_its_handlers_are_heard() -> None:
 
 def test_a_retry_waits_until_exception_handlers_are_heard() -> None:
     player, task = with_two_handlers("legs", "command move")
-    player.receive("user", headers.Retry(player.number("user"), task))
-    player.receive("user", headers.Raise(player.number("user"), task, "slipped"))
+    player.request("user", headers.Retry, task)
+    player.request("user", headers.Raise, task, "slipped")
     player.reply("legs/1")
     player.reply("expert/1")
     assert player.delivered("expert/1") == [player.central.tree.newest]
@@ -170,9 +176,9 @@ def test_a_retry_waits_until_exception_handlers_are_heard() -> None:
 def test_a_monitor_yet_to_begin_can_be_ended_after_a_retry() -> None:
     player = JudgedLife().player
     guard = TaskId(player.task("user", "guard", watch=WatchOptions(), suspended=True))
-    player.receive("user", headers.Retry(player.number("user"), guard))
-    player.receive("user", headers.EndMonitor(player.number("user"), guard))
-    player.receive("user", headers.Suspend(player.number("user"), guard, resume=True))
+    player.request("user", headers.Retry, guard)
+    player.request("user", headers.EndMonitor, guard)
+    player.request("user", headers.Suspend, guard, resume=True)
     assert guard not in player.central.tree.tasks
 
 
@@ -182,10 +188,10 @@ def test_a_monitor_held_anew_dies_if_all_else_has_ended() -> None:
     held = before(point(move, Moment.END_ACHIEVING), point(-1, Moment.START_ACHIEVING))
     parent = TaskId(player.task("user", "guard", watch=WatchOptions(), constraints=(held,)))
     child = player.task("user", "guard", watch=WatchOptions(), under=parent)
-    player.receive("user", headers.EndMonitor(player.number("user"), parent))
+    player.request("user", headers.EndMonitor, parent)
     assert child in player.central.tree.tasks
     anew = before(point(move, Moment.END_ACHIEVING), point(child, Moment.START_ACHIEVING))
-    player.receive("user", headers.Constrain(player.number("user"), [anew]))
+    player.request("user", headers.Constrain, [anew])
     assert child not in player.central.tree.tasks
 
 
@@ -195,11 +201,10 @@ def test_a_checked_retried_monitor_dies_if_all_else_has_ended(is_parent_first: b
     walk = player.task("user", "walk")
     guard = TaskId(player.task("user", "guard", watch=WatchOptions(), under=walk))
     set_up = player.central.tree.newest
-    tap = headers.Tap(player.number("user"), Condition.BEFORE_HANDLING, "lift", "guard")
-    player.receive("user", tap, msgspec.msgpack.encode(7))
+    player.request("user", headers.Tap, Condition.BEFORE_HANDLING, "lift", "guard", body=msgspec.msgpack.encode(7))
     if is_parent_first:
         player.reply("planner1/1", walk)
-    player.receive("user", headers.Retry(player.number("user"), guard))
+    player.request("user", headers.Retry, guard)
     player.reply("legs2/1", set_up)
     if not is_parent_first:
         assert guard not in [fact.task for fact in player.facts(Killed)]
@@ -211,7 +216,7 @@ def test_timers_due_at_once_ring_in_the_order_they_were_set() -> None:
     player = JudgedLife().player
     busy, _, first, _ = [player.task("user", "move", flags=Flags.NONE, priority=urgent) for urgent in (0, 0, 0, 1)]
     watch = WatchOptions(period=10, initial_wait=True, duration=5, waited_for=True)
-    player.receive("user", headers.Tap(player.number("user"), Condition.BEFORE_HANDLING, "watch", "move", watch=watch))
+    player.request("user", headers.Tap, Condition.BEFORE_HANDLING, "watch", "move", watch=watch)
     player.reply("legs2/1", busy)
     assert not player.delivered("legs2/1")
     player.tick(6)
@@ -224,9 +229,9 @@ def test_a_lost_lock_is_told_of_after_the_wiretaps_of_the_return() -> None:
     player.module("arm", "command lift")
     player.module("user")
     player.declare("user", "command move")
-    player.receive("user", headers.Tap(player.number("user"), Condition.AFTER_HANDLED, "note", "move"))
+    player.request("user", headers.Tap, Condition.AFTER_HANDLED, "note", "move")
     task = player.task("user", "move")
-    player.receive("legs/1", headers.Lock(player.number("legs/1"), "arm", origin=task))
+    player.request("legs/1", headers.Lock, "arm", origin=task)
     player.lose("arm/1")
     player.lose("arm")
     player.reply("legs/1")
@@ -234,22 +239,13 @@ def test_a_lost_lock_is_told_of_after_the_wiretaps_of_the_return() -> None:
     assert len(player.delivered("legs/2")) == 1
 
 
-@given(st.lists(operation, max_size=60))
+@given(operations)
 @settings(max_examples=45)
-def test_the_oracle_agrees_with_central_in_every_short_life(operations: list[tuple[str, int, int, int, int]]) -> None:
-    life = JudgedLife()
-    for name, *numbers in operations:
-        life.do(name, *numbers)
+def test_the_oracle_agrees_with_central_in_every_short_life(taken: Operations) -> None:
+    JudgedLife().live(taken)
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=4, phases=NO_SMALLER_SEED)
+@settings(max_examples=lives(4, soak=30), phases=NO_SMALLER_SEED)
 def test_the_oracle_agrees_with_central_in_lives_of_hundreds_of_events(seed: int) -> None:
-    JudgedLife().go_on(seed, 400)
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=30, phases=NO_SMALLER_SEED)
-def test_the_oracle_agrees_with_central_in_many_long_lives(seed: int) -> None:
-    JudgedLife().go_on(seed, 10_000)
+    JudgedLife().go_on(seed, lives(400, soak=10_000))

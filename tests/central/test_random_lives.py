@@ -1,10 +1,10 @@
 """Random lives of central: the invariants hold after every event, and everything comes to an end."""
 
-import pytest
 from central.player import Player, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from properties.life import MODULES, Life, operation
+from properties.life import MODULES, Life, Operations, operations
+from sampling import lives
 
 from tca_central.model.intervals import unified
 from tca_central.model.tasks import Task
@@ -14,20 +14,18 @@ from tca_wire.journal.facts import Delivered, Reached, Received
 from tca_wire.packets import headers
 from tca_wire.points import ROOT, Moment, TaskId
 
-lives = st.lists(operation, max_size=60)
 
-
-@given(lives)
-@settings(max_examples=30)
-def test_invariants_hold_whatever_happens_and_everything_ends(operations: list[tuple[str, int, int, int, int]]) -> None:
-    live(operations)
+@given(operations)
+@settings(max_examples=lives(30, soak=4_000))
+def test_invariants_hold_whatever_happens_and_everything_ends(taken: Operations) -> None:
+    end_life(Life().live(taken))
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=1)
+@settings(max_examples=lives(1, soak=8))
 def test_invariants_hold_in_a_life_of_hundreds_of_events_and_everything_ends(seed: int) -> None:
     life = Life()
-    life.go_on(seed, 600)
+    life.go_on(seed, lives(600, soak=10_000))
     end_life(life)
 
 
@@ -50,30 +48,6 @@ def test_what_waits_for_a_point_is_what_that_point_is_followed_by(seed: int) -> 
 def is_unified(place: Place) -> bool:
     """Whether constraints are put on this point, and not on another that is reached with it."""
     return unified(place.task.is_goal, place.moment) == place.moment
-
-
-@pytest.mark.soak
-@given(st.lists(operation, max_size=200))
-@settings(max_examples=4_000)
-def test_many_lives(operations: list[tuple[str, int, int, int, int]]) -> None:
-    live(operations)
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=8)
-def test_many_long_lives(seed: int) -> None:
-    life = Life()
-    life.go_on(seed, 10_000)
-    end_life(life)
-
-
-def live(operations: list[tuple[str, int, int, int, int]]) -> None:
-    """One life to its end."""
-    life = Life()
-    for name, *numbers in operations:
-        life.do(name, *numbers)
-    end_life(life)
 
 
 def end_life(life: Life) -> None:

@@ -22,7 +22,7 @@ def test_what_is_to_be_done_on_termination_is_done_also_under_what_was_killed_be
     below = robot.task("planner/1", "walk", under=above)
     robot.send("planner/2", "stop", under=below, when_killed=True)
     for header, task in ((headers.Kill, below), (headers.Suspend, above), (headers.Kill, above)):
-        robot.receive("user", header(robot.number("user"), TaskId(task)))
+        robot.request("user", header, TaskId(task))
     robot.reply("legs/1", busy)
     assert not any(task.suspended for task in robot.central.tree.tasks.values())
     assert robot.delivered("legs/1")  # it stops
@@ -34,7 +34,7 @@ def test_a_monitor_tests_once_a_period_and_never_twice_at_once(began: float, per
     """To a computer 0.6 - 0.3 is less than 3 * 0.1: the next test was due at once, again and again, for ever."""
     player = Player.of("eye: query seen", "user")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, "", parts=["seen", ""])
-    player.receive("user", Register(player.number("user"), [watch]))
+    player.request("user", Register, [watch])
     player.time = began - 1
     player.send("user", "watch", watch=WatchOptions(period=period))
     for number in range(1, 30):
@@ -44,16 +44,14 @@ def test_a_monitor_tests_once_a_period_and_never_twice_at_once(began: float, per
 
 
 def declare(player: Player, *formats: MessageFormat) -> Refused:
-    (answer,) = player.receive("user", headers.Register(player.number("user"), list(formats)))
+    (answer,) = player.request("user", headers.Register, list(formats))
     assert isinstance(answer, Refused)
     return answer
 
 
 @pytest.fixture
 def player() -> Player:
-    player = Player()
-    player.module("user")
-    return player
+    return Player.of("user")
 
 
 def test_a_notice_is_declared_as_central_has_it(player: Player) -> None:
@@ -75,14 +73,14 @@ def test_no_other_name_begins_like_a_notice(player: Player) -> None:
 
 @pytest.mark.parametrize("number", [0, 7])
 def test_only_central_sends_notices(player: Player, number: int) -> None:
-    player.receive("user", headers.Register(player.number("user"), [notice.format for notice in NOTICES.values()]))
+    player.request("user", headers.Register, [notice.format for notice in NOTICES.values()])
     for name in NOTICES:
         (answer,) = player.receive("user", headers.Send(number and player.number("user"), name))
         assert answer.text == f"'{name}' is a notice: only central sends it"
 
 
 def test_waits_for_handlers_are_bounded(player: Player) -> None:
-    (answer,) = player.receive("user", headers.WaitUntilHandled(player.number("user"), ["a"] * 1001))
+    (answer,) = player.request("user", headers.WaitUntilHandled, ["a"] * 1001)
     assert answer.text == "1001 messages in one wait: 1000 are allowed, send several requests"
-    (answer,) = player.receive("user", headers.WaitUntilHandled(player.number("user"), []))
+    (answer,) = player.request("user", headers.WaitUntilHandled, [])
     assert isinstance(answer, headers.Answer)

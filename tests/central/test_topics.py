@@ -24,13 +24,12 @@ APPROVED = Path(__file__).with_name("topics.json")
 
 @pytest.fixture
 def robot() -> Player:
-    player = Player()
-    player.module("planner", "goal walk", "exception handler recover")
+    player = Player.of("planner: goal walk, exception handler recover")
     player.module("legs", "command move", "variable mode", capacity=2, resource="feet", pending=3)
     player.module("user")
     player.declare("user", "goal walk", "command move", "command fly", "variable mode", "query where")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["where", "move"])
-    player.receive("user", headers.Register(player.number("user"), [watch]))
+    player.request("user", headers.Register, [watch])
     walk = player.task("user", "walk", attachments=[Attachment("slipped", "recover", 2)])
     moves = [player.task("planner/1", "move", under=walk, origin=walk) for _ in range(3)]
     player.task("user", "watch", under=walk, origin=0, watch=WatchOptions(7))
@@ -43,10 +42,10 @@ def robot() -> Player:
     player.task("user", "fly", flags=Flags.NONE)
     player.send("user", "where", origin=0, blocking=True)
     for value in (b"\x07", b"\xda\x02\x58" + 600 * b"x"):
-        player.receive("user", headers.SetVariable(player.number("user"), "mode"), value)
-    player.receive("user", headers.Attach(player.number("user"), Attachment("", "recover"), TaskId(0)))
-    player.receive("user", headers.Tap(player.number("user"), Condition.AFTER_ACHIEVED, "fly", "walk", TaskId(0)))
-    player.receive("user", headers.Suspend(player.number("user"), TaskId(moves[1])))
+        player.request("user", headers.SetVariable, "mode", body=value)
+    player.request("user", headers.Attach, Attachment("", "recover"), TaskId(0))
+    player.request("user", headers.Tap, Condition.AFTER_ACHIEVED, "fly", "walk", TaskId(0))
+    player.request("user", headers.Suspend, TaskId(moves[1]))
     player.tick(100.0)
     return player
 
@@ -109,11 +108,11 @@ def test_what_watches_no_longer_is_not_told(watcher: Transcript) -> None:
     walk = watcher.player.task("user", "walk")
     ended, killed, below, retried = (monitor(watcher, under=under) for under in (0, 0, walk, 0))
     player = watcher.player
-    player.receive("user", headers.EndMonitor(player.number("user"), TaskId(ended)))
-    player.receive("user", headers.Kill(player.number("user"), TaskId(killed)))
-    player.receive("user", headers.Kill(player.number("user"), TaskId(walk)))
+    player.request("user", headers.EndMonitor, TaskId(ended))
+    player.request("user", headers.Kill, TaskId(killed))
+    player.request("user", headers.Kill, TaskId(walk))
     assert told(watcher) == [retried]
-    player.receive("user", headers.Retry(player.number("user"), TaskId(retried)))
+    player.request("user", headers.Retry, TaskId(retried))
     player.reply("eye/1", value=[0])
     assert below not in told(watcher)
     assert told(watcher) in ([], [retried])
@@ -121,7 +120,7 @@ def test_what_watches_no_longer_is_not_told(watcher: Transcript) -> None:
 
 def test_what_is_refused_or_killed_at_once_is_not_told(watcher: Transcript) -> None:
     walk = watcher.player.task("user", "walk")  # its handler has it, and so does not end at once
-    watcher.player.receive("user", headers.Kill(watcher.player.number("user"), TaskId(walk)))
+    watcher.player.request("user", headers.Kill, TaskId(walk))
     assert monitor(watcher, under=walk) > walk
     assert told(watcher) == []
     watcher.player.send("user", "watch", under=walk, watch=WatchOptions(period=0.0))

@@ -12,20 +12,19 @@ from tca_wire.vocabulary import MessageClass, Refusal
 
 
 def get(player: Player, module: str, variable: str) -> bytes:
-    answer, *_ = player.receive(module, headers.GetVariable(player.number(module), variable))
+    answer, *_ = player.request(module, headers.GetVariable, variable)
     assert isinstance(answer, Answer), answer
     return player.inbox[module][-1][1]
 
 
 def declare(player: Player, module: str, data: str) -> None:
     formats = [MessageFormat("pose", MessageClass.VARIABLE, data)]
-    player.receive(module, headers.Register(player.number(module), formats))
+    player.request(module, headers.Register, formats)
 
 
 @pytest.fixture
 def player() -> Player:
-    player = Player()
-    player.module("user")
+    player = Player.of("user")
     player.declare("user", "variable pose", "variable map")
     return player
 

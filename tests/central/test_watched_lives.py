@@ -2,10 +2,10 @@
 
 import random
 
-import pytest
 from central.player import ANY, Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sampling import lives
 
 from tca_central.model.contexts import trouble_of
 from tca_central.model.tasks import Task
@@ -40,7 +40,7 @@ class Watched:
         return list(self.player.central.tree.tasks.values())
 
     def request(self, kind: type, *arguments: object) -> None:
-        self.player.receive("user", kind(self.player.number("user"), *arguments))
+        self.player.request("user", kind, *arguments)
 
     def constraint(self, held: int) -> Constraint:
         """Most are for the end of a monitor."""
@@ -87,7 +87,7 @@ class Watched:
             return
         above = self.chance.choice(list(trouble_of(task).failing.lineage()))
         name = task.slot.id.decode()
-        self.player.receive(name, headers.Retry(self.player.number(name), TaskId(above.id), origin=task.given_as))
+        self.player.request(name, headers.Retry, TaskId(above.id), origin=task.given_as)
 
     def end(self) -> None:
         """All handlers return; monitors under the root are killed."""
@@ -98,22 +98,11 @@ class Watched:
             self.reply(running[0])
 
 
-def live(seed: int, steps: int) -> None:
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=lives(30, soak=1_000))
+def test_what_waits_for_the_end_of_a_monitor_comes_to_an_end(seed: int) -> None:
     life = Watched(seed)
-    for _ in range(steps):
+    for _ in range(80):
         life.do(life.chance.choice(WAYS))
     life.end()
     assert not life.tasks
-
-
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=30)
-def test_what_waits_for_the_end_of_a_monitor_comes_to_an_end(seed: int) -> None:
-    live(seed, 80)
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=1_000)
-def test_it_does_in_many_lives(seed: int) -> None:
-    live(seed, 60)

@@ -39,7 +39,7 @@ def got(player: Player, slot: str) -> list[int]:
 
 def ask_three(player: Player, condition: Condition) -> None:
     """Three questions, to which somebody listens."""
-    player.receive("user", headers.Tap(player.number("user"), condition, "seen", "where"))
+    player.request("user", headers.Tap, condition, "seen", "where")
     for _ in range(3):
         player.send("user", "where")
 
@@ -67,7 +67,7 @@ def test_a_listener_that_comes_later_calls_back_what_is_ahead(condition: Conditi
     for _ in range(3):
         player.send("user", "where")
     first, *others = got(player, "ear/1")
-    player.receive("user", headers.Tap(player.number("user"), condition, "seen", "where"))
+    player.request("user", headers.Tap, condition, "seen", "where")
     recalled = [header.deliveries for header, _ in player.inbox["ear/1"] if isinstance(header, headers.Recall)]
     assert recalled == [others]
     player.receive("ear/1", headers.Recalled(others))
@@ -90,7 +90,7 @@ def test_what_a_module_handles_no_longer_it_gives_back_for_another() -> None:
     for _ in range(3):
         player.send("user", "where")
     first, *others = got(player, "ear/1")
-    player.receive("ear", headers.Unregister(player.number("ear"), ["where"]))
+    player.request("ear", headers.Unregister, ["where"])
     recalled = [header.deliveries for header, _ in player.inbox["ear/1"] if isinstance(header, headers.Recall)]
     assert recalled == [others]
     player.receive("ear/1", headers.Recalled(others))
@@ -119,7 +119,7 @@ def test_a_slot_may_keep_later_messages_than_it_gives_back() -> None:
     for _ in range(4):
         player.send("user", "where")
     first, *others, last = got(player, "ear/1")
-    player.receive("user", headers.Tap(player.number("user"), Condition.BEFORE_HANDLING, "seen", "where"))
+    player.request("user", headers.Tap, Condition.BEFORE_HANDLING, "seen", "where")
     player.receive("ear/1", headers.Recalled(others))
     for delivery in (first, last, *others):  # as after a power cut in which central forgot that others were handled
         player.reply("ear/1", delivery)

@@ -36,9 +36,9 @@ class Town(Player):
         self.task("planner/1", "move", under=walk)
         for message in ("note", "note", "where"):
             self.send("user", message)
-        self.receive("user", headers.AwaitPoint(self.number("user"), point(walk, Moment.END_ACHIEVING)))
-        self.receive("user", headers.Lock(self.number("user"), "legs", "legs"))
-        self.receive("user", headers.Lock(self.number("user"), "planner", "planner"))
+        self.request("user", headers.AwaitPoint, point(walk, Moment.END_ACHIEVING))
+        self.request("user", headers.Lock, "legs", "legs")
+        self.request("user", headers.Lock, "planner", "planner")
 
     def end(self) -> None:
         """The others end what they do, and have all their answers."""
@@ -47,7 +47,7 @@ class Town(Player):
                 if self.delivered(line):
                     self.reply(line)
             for _, number in [key for key, claim in self.central.claims.items() if claim.is_granted]:
-                self.receive("user", headers.Release(self.number("user"), number))
+                self.request("user", headers.Release, number)
 
     def heard_by_others(self) -> dict[str, Any]:
         return {line: said for line, said in self.inbox.items() if not line.startswith("thief")}
@@ -109,7 +109,7 @@ def test_nobody_asks_as_the_handler_of_another() -> None:
     for sender, origin in (("thief/1", 0), ("planner/1", delivery), ("planner", delivery)):
         town.send(sender, "note", origin=delivery)
         assert town.facts(Received)[-1].origin == origin
-    (answer,) = town.receive("thief/1", headers.Lock(town.number("thief/1"), "legs", "legs", origin=delivery))
+    (answer,) = town.request("thief/1", headers.Lock, "legs", "legs", origin=delivery)
     assert "is not handled there" in answer.text
 
 

@@ -170,27 +170,26 @@ class Transcript:
         names = ["" if part.strip() == "none" else part.strip() for part in parts.split(",")]
         reply = ANY if message_class == "query" else ""
         declared = MessageFormat(message, MessageClass(message_class), ANY, reply, names)
-        return self.player.receive(name, headers.Register(self.player.number(name), [declared]))
+        return self.player.request(name, headers.Register, [declared])
 
     def tap(self, name: str, condition: str, place: str, listener: str, options: str) -> list[Any]:
         where: dict[str, Any] = {"task": TaskId(int(place))} if place.isdigit() else {"message": place}
         where["watch"] = read_watch(options)
         if at_once := re.search(r"at once(?: of (\w+))?", options):
             where |= {"at_once": True, "of": at_once[1] or ""}
-        return self.player.receive(name, headers.Tap(self.player.number(name), Condition(condition), listener, **where))
+        return self.player.request(name, headers.Tap, Condition(condition), listener, **where)
 
     def fire(self, name: str, task: str, action: str) -> list[Any]:
         which: dict[str, Any] = {"monitor": TaskId(int(task))} if task.isdigit() else {"monitor": ROOT, "message": task}
-        header = headers.Fire(self.player.number(name), action=action or "", **which)
-        return self.player.receive(name, header, b"\x05")
+        return self.player.request(name, headers.Fire, body=b"\x05", action=action or "", **which)
 
     def end_monitor(self, name: str, task: str) -> list[Any]:
-        return self.player.receive(name, headers.EndMonitor(self.player.number(name), TaskId(int(task))))
+        return self.player.request(name, headers.EndMonitor, TaskId(int(task)))
 
     def await_(self, name: str, messages: str, promised: str) -> list[Any]:
         names = [message.strip() for message in messages.split(",")]
         promises = [promised] if promised else []
-        return self.player.receive(name, headers.WaitUntilHandled(self.player.number(name), names, promises))
+        return self.player.request(name, headers.WaitUntilHandled, names, promises)
 
     def variable(self, name: str, what: str, variable: str, value: str) -> list[Any]:
         if (name, variable) not in self.declared:
@@ -201,7 +200,7 @@ class Transcript:
         if what == "swap":
             answers = self.player.set_variable(name, variable, int(value), swap=True)
         else:
-            answers = self.player.receive(name, headers.GetVariable(self.player.number(name), variable))
+            answers = self.player.request(name, headers.GetVariable, variable)
         bodies = [body for header, body in self.player.inbox[name][-1:] if isinstance(header, headers.Answer)]
         return [*answers, *(str(msgspec.msgpack.decode(body)) if body else "(never set)" for body in bodies)]
 
@@ -217,35 +216,29 @@ class Transcript:
 
     def attach(self, name: str, what: str, where: str) -> list[Any]:
         place = {"task": TaskId(int(where))} if where.isdigit() else {"message": where}
-        header = headers.Attach(self.player.number(name), read_attachment(what), **place)
-        return self.player.receive(name, header)
+        return self.player.request(name, headers.Attach, read_attachment(what), **place)
 
     def remove(self, name: str, which: str) -> list[Any]:
-        return self.player.receive(name, headers.Remove(self.player.number(name), int(which)))
+        return self.player.request(name, headers.Remove, int(which))
 
     def detach(self, name: str, which: str) -> list[Any]:
-        return self.player.receive(name, headers.Remove(self.player.number(name), int(which), for_all=True))
+        return self.player.request(name, headers.Remove, int(which), for_all=True)
 
     def raise_(self, name: str, failure: str, task: str) -> list[Any]:
         failure, *kinds = failure.split("<")
-        header = headers.Raise(self.player.number(name), TaskId(int(task)), failure, "why", kinds)
-        return self.player.receive(name, header, b"\x07")
+        return self.player.request(name, headers.Raise, TaskId(int(task)), failure, "why", kinds, body=b"\x07")
 
     def retry(self, name: str, task: str, data: str) -> list[Any]:
-        return self.player.receive(
-            name, headers.Retry(self.player.number(name), TaskId(int(task)), bool(data)), b"\x08"
-        )
+        return self.player.request(name, headers.Retry, TaskId(int(task)), bool(data), body=b"\x08")
 
     def suspend(self, name: str, what: str, task: str) -> list[Any]:
-        header = headers.Suspend(self.player.number(name), TaskId(int(task)), what == "resume")
-        return self.player.receive(name, header)
+        return self.player.request(name, headers.Suspend, TaskId(int(task)), what == "resume")
 
     def keep(self, name: str, what: str, task: str) -> list[Any]:
-        header = headers.Keep(self.player.number(name), TaskId(int(task)), what == "release")
-        return self.player.receive(name, header)
+        return self.player.request(name, headers.Keep, TaskId(int(task)), what == "release")
 
     def inspect(self, name: str, relation: Any, task: str) -> list[Any]:
-        self.player.receive(name, headers.Inspect(self.player.number(name), TaskId(int(task)), relation))
+        self.player.request(name, headers.Inspect, TaskId(int(task)), relation)
         header, body = self.player.inbox[name][-1]
         if isinstance(header, headers.Refused):
             return [header]
@@ -264,16 +257,14 @@ class Transcript:
         )  # fmt: skip
 
     def deadline(self, name: str, seconds: str, point: str) -> list[Any]:
-        header = headers.Deadline(self.player.number(name), read_point(point), float(seconds))
-        return self.player.receive(name, header)
+        return self.player.request(name, headers.Deadline, read_point(point), float(seconds))
 
     def pass_(self, seconds: str) -> list[Any]:
         return [effect.header for effect in self.player.tick(float(seconds)) if hasattr(effect, "header")]
 
     def wait(self, name: str, point: str, here: str) -> list[Any]:
         origin = self.player.delivered(name)[-1] if here else 0
-        header = headers.AwaitPoint(self.player.number(name), read_point(point), origin, blocking=bool(here))
-        return self.player.receive(name, header)
+        return self.player.request(name, headers.AwaitPoint, read_point(point), origin, blocking=bool(here))
 
     def awaits(self, name: str, number: str) -> list[Any]:
         requests = self.asked[name][-int(number) :] if int(number) else []
@@ -296,22 +287,21 @@ class Transcript:
         return self.player.receive(name, headers.GiveUp(self.locked[name]))
 
     def unlock(self, name: str, resource: str) -> list[Any]:
-        return self.player.receive(name, headers.Unlock(self.player.number(name), resource))
+        return self.player.request(name, headers.Unlock, resource)
 
     def kill(self, name: str, scope: str, task: str, delay: str, after: str, why: str) -> list[Any]:
         point = read_point(after) if after else None
         which = Scope(scope or "task")
-        header = headers.Kill(self.player.number(name), TaskId(int(task)), why or "", which, point, float(delay or 0))
-        return self.player.receive(name, header)
+        return self.player.request(name, headers.Kill, TaskId(int(task)), why or "", which, point, float(delay or 0))
 
     def constrain(self, name: str, what: str) -> list[Any]:
-        return self.player.receive(name, headers.Constrain(self.player.number(name), list(constraints(what))))
+        return self.player.request(name, headers.Constrain, list(constraints(what)))
 
     def bye(self, name: str) -> list[Any]:
         return self.player.receive(name, headers.Bye())
 
     def unregister(self, name: str, message: str) -> list[Any]:
-        return self.player.receive(name, headers.Unregister(self.player.number(name), [message]))
+        return self.player.request(name, headers.Unregister, [message])
 
     def lose(self, name: str) -> list[Any]:
         return [effect.header for effect in self.player.lose(name) if hasattr(effect, "header")]

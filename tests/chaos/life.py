@@ -1,15 +1,13 @@
 """A life: a robot under load whose central and modules are killed and stopped, at random, again and again."""
 
-import os
 import signal
 import time
 from collections import Counter
-from contextlib import suppress
 from pathlib import Path
 from random import Random
 
-from chaos.nursery import Nursery
 from chaos.robot import MODULES
+from processes import Process
 
 from tca_module import connect
 
@@ -32,11 +30,11 @@ class Life:
         self.address = f"ipc://{folder}/c.sock"
         self._events_between = events_between
         self._seed = seed
-        self._nursery = Nursery(folder, self.address)
-        self._central = 0
-        self._modules: dict[str, int] = {}
-        self._users: dict[str, int] = {}
-        self._resume: list[tuple[float, int]] = []  # processes that stand still, and until when
+        self._central: Process
+        self._modules: dict[str, Process] = {}
+        self._users: dict[str, Process] = {}
+        self._resume: list[tuple[float, Process]] = []  # processes that stand still, and until when
+        self._processes: list[Process] = []  # all that were started
         self._doom: dict[str, float] = {}  # when what happens to a module
 
     def run(self) -> None:
@@ -47,7 +45,8 @@ class Life:
                 self._central_dies()
             self._heal()
         finally:
-            self._end()
+            for process in self._processes:
+                process.close()
 
     # --- chaos -----------------------------------------------------------------------------------------------------
 
@@ -62,14 +61,21 @@ class Life:
     def _start_central(self) -> None:
         log = self.folder / "central.log"
         self._logged = log.stat().st_size if log.exists() else 0
-        self._central = self._nursery.start("central", self._events_between)
+        self._central = self._start("central", "be_central", self._events_between)
+
+    def _start(self, kind: str, function: str, *arguments: object) -> Process:
+        """A process that does this of ``chaos.robot``; what it prints goes to the log of its kind."""
+        text = f"from pathlib import Path\nfrom chaos import robot\nrobot.{function}(*{arguments!r}, Path({str(self.folder)!r}))"
+        process = Process("-c", text, log=self.folder / f"{kind}.log", environment={"TCA_CENTRAL": self.address})
+        self._processes.append(process)
+        return process
 
     def _start_module(self, name: str) -> None:
-        self._modules[name] = self._nursery.start("module", name)
+        self._modules[name] = self._start("module", "serve", name)
         self._doom[name] = time.monotonic() + self.random.expovariate(1 / 6)
 
     def _start_user(self, name: str) -> None:
-        self._users[name] = self._nursery.start("user", name, self.random.getrandbits(32))
+        self._users[name] = self._start("user", "use", name, self.random.getrandbits(32))
 
     def _central_dies(self) -> None:
         """Once; it may stand still for a while before."""
@@ -79,16 +85,15 @@ class Life:
             self._until_it_listens()
             self._pass(self.random.random() ** 2)
         if self.random.random() < 0.1:
-            os.kill(self._central, signal.SIGSTOP)
+            self._central.send_signal(signal.SIGSTOP)
             self._tell("central stops")
             self._pass(self.random.random() * 2)
-            os.kill(self._central, signal.SIGCONT)
+            self._central.send_signal(signal.SIGCONT)
             self._tell("central goes on")
             self.counts["stops of central"] += 1
             self._pass(self.random.random() * 0.3)
         self._check_central()
-        os.kill(self._central, signal.SIGKILL)
-        self._nursery.wait(self._central)
+        self._central.close()
         self._tell("central killed")
         self.counts["kills of central"] += 1
         if self.random.random() < 0.2:
@@ -96,8 +101,7 @@ class Life:
         self._start_central()
 
     def _check_central(self) -> None:
-        if (status := self._nursery.look(self._central)) is not None:
-            self._central = 0
+        if (status := self._central.poll()) is not None:
             raise Broken(f"central has ended by itself with {status}; see {self.folder / 'central.log'}")
 
     def _until_it_listens(self) -> None:
@@ -119,9 +123,8 @@ class Life:
             now = time.monotonic()
             for due, process in [one for one in self._resume if one[0] <= now]:
                 self._resume.remove((due, process))
-                with suppress(ProcessLookupError):
-                    os.kill(process, signal.SIGCONT)
-                    self._tell(f"process {process} goes on")
+                process.send_signal(signal.SIGCONT)
+                self._tell(f"process {process.pid} goes on")
             for name in [name for name, due in self._doom.items() if due <= now]:
                 self._meets_fate(name)
             if now >= until:
@@ -130,26 +133,24 @@ class Life:
 
     def _meets_fate(self, name: str) -> None:
         process = self._modules[name]
-        if (status := self._nursery.look(process)) is not None:
+        if (status := process.poll()) is not None:
             raise Broken(f"{name} has ended by itself with {status}; see {self.folder / 'module.log'}")
         self._doom[name] = time.monotonic() + self.random.expovariate(1 / 6)
         if self.random.random() < 0.4:
-            os.kill(process, signal.SIGSTOP)
+            process.send_signal(signal.SIGSTOP)
             self._resume.append((time.monotonic() + self.random.choice([0.2, 1.0, 7.0]), process))
             self.counts["stops of modules"] += 1
-            self._tell(f"process {process}, {name}, stops")
+            self._tell(f"process {process.pid}, {name}, stops")
             return
-        os.kill(process, signal.SIGKILL)
-        self._nursery.wait(process)
+        process.close()
         self.counts["kills of modules"] += 1
-        self._tell(f"process {process}, {name}, killed")
+        self._tell(f"process {process.pid}, {name}, killed")
         self._start_module(name)
         if self.random.random() < 0.3:
             guest = self._users.pop("guest")
-            os.kill(guest, signal.SIGKILL)
-            self._nursery.wait(guest)
+            guest.close()
             self.counts["kills of users"] += 1
-            self._tell(f"process {guest}, guest, killed")
+            self._tell(f"process {guest.pid}, guest, killed")
             self._start_user("guest")
 
     def _tell(self, what: str) -> None:
@@ -169,7 +170,7 @@ class Life:
         until = began + HEALED
         while self._users:
             for name, process in list(self._users.items()):
-                if (status := self._nursery.look(process)) is not None:
+                if (status := process.poll()) is not None:
                     del self._users[name]
                     if status:
                         raise Broken(f"{name} ended with {status}; see {self.folder / 'user.log'}")
@@ -185,17 +186,9 @@ class Life:
         self.counts["ms to heal"] += round((time.monotonic() - began) * 1000)
         for name in list(self._modules):
             process = self._modules.pop(name)
-            os.kill(process, signal.SIGTERM)
-            if status := self._nursery.wait(process):
+            process.terminate()
+            if status := process.wait():
                 raise Broken(f"{name} ended with {status}; see {self.folder / 'module.log'}")
-        os.kill(self._central, signal.SIGTERM)
-        status, self._central = self._nursery.wait(self._central), 0
-        if status:
+        self._central.terminate()
+        if status := self._central.wait():
             raise Broken(f"central ended with {status}")
-
-    def _end(self) -> None:
-        for process in filter(None, (self._central, *self._modules.values(), *self._users.values())):
-            with suppress(ProcessLookupError):
-                os.kill(process, signal.SIGKILL)
-                self._nursery.wait(process)
-        self._nursery.close()

@@ -4,6 +4,7 @@ Each writes what it does into a notebook of its own, a line at a time: the time 
 it was about. A line that was written is there whatever becomes of the program.
 """
 
+import logging
 import os
 import time
 from collections.abc import Callable
@@ -11,6 +12,8 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from tca_central.__main__ import central
+from tca_central.shell import images
 from tca_module import (
     Client,
     Command,
@@ -183,9 +186,20 @@ def _healthy(module: Module, notebook: Notebook) -> Module:
 MODULES: dict[str, Callable[[Notebook], Module]] = {one.__name__: one for one in (legs, hand, eyes, planner, expert)}
 
 
+def be_central(events_between: int, folder: Path) -> None:
+    """``tca central`` that takes an image of its state often."""
+    images.EVENTS_BETWEEN = events_between
+    central(["--journal", str(folder / "journal")], prog_name="tca central")
+
+
 def serve(name: str, folder: Path) -> None:
     """Be a module until told to end."""
+    log_with_times()
     MODULES[name](Notebook(folder, name)).run()
+
+
+def log_with_times() -> None:
+    logging.basicConfig(format="%(asctime)s %(process)d %(message)s", level=logging.INFO)
 
 
 # --- users -----------------------------------------------------------------------------------------------------------
@@ -306,6 +320,7 @@ class User:
             pass
 
 
-def use(name: str, folder: Path, seed: int) -> None:
+def use(name: str, seed: int, folder: Path) -> None:
     """Be a user until the file "over" is there."""
+    log_with_times()
     User(name, folder, seed).live(folder / "over")

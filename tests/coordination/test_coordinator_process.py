@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from coordination.delivery_robot import MOVE_ARM, MOVE_BASE, arm, base
-from integration.programs import central, program
+from processes import central, program
 
 from tca_behaviours.coordination import Coordination, Coordinator, count_transitions
 from tca_module import Module, Outcome, Task, connect

@@ -8,6 +8,7 @@ from typing import Any
 
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from sampling import lives
 
 from tca_behaviours.coordination import (
     Activity,
@@ -25,7 +26,7 @@ from tca_module import Command
 from tca_wire.charts import StateKind
 
 MOVE = Command("move")
-MOST_ARE_REFUSED = settings(suppress_health_check=[HealthCheck.filter_too_much])
+MOST_ARE_REFUSED = settings(max_examples=lives(15, soak=100), suppress_health_check=[HealthCheck.filter_too_much])
 LABELS = [f"s{number}" for number in range(9)]
 EVENTS = ["done", "failed", "go", "go on"]
 GUARDS = ["g0", "g1"]

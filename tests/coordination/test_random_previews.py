@@ -4,12 +4,12 @@ import re
 from random import Random
 from typing import NamedTuple
 
-import pytest
 from coordination.conditions import check_conditions
 from coordination.executions import check_executions
 from coordination.random_machines import FREE, befall, random_machine, random_round, run_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sampling import lives
 
 from tca_behaviours.coordination import Coordination, Discrete, Policy
 from tca_wire.coordination import read_report
@@ -47,7 +47,7 @@ def lived(machine: Coordination, policy: Policy | None, seed: int, acts: int = 2
         return Life(run.central.transcript(), run.central.entries[:])
 
 
-@settings(max_examples=8)
+@settings(max_examples=lives(8, soak=200))
 @given(SEEDS)
 def test_where_nothing_is_likely_a_run_is_that_of_the_plain_machine(seed: int) -> None:
     machine = random_machine(Random(seed), unlikely=True)
@@ -55,14 +55,14 @@ def test_where_nothing_is_likely_a_run_is_that_of_the_plain_machine(seed: int) -
     assert re.sub(r'"refused": \[[^]]*\]', '"refused": []', ahead) == plain
 
 
-@settings(max_examples=8)
+@settings(max_examples=lives(8, soak=200))
 @given(SEEDS)
 def test_nothing_ahead_violates_a_condition_of_the_current_activity(seed: int) -> None:
     machine = random_machine(Random(seed))
     check_conditions(machine, lived(machine, EAGER, seed).entries)
 
 
-@settings(max_examples=8)
+@settings(max_examples=lives(8, soak=200))
 @given(SEEDS)
 def test_a_machine_goes_the_way_that_it_goes_without_a_preview(seed: int) -> None:
     machine = random_machine(Random(seed))
@@ -74,7 +74,7 @@ def test_a_machine_goes_the_way_that_it_goes_without_a_preview(seed: int) -> Non
     )  # wrong predictions may cost time, again and again, but it stands nowhere still
 
 
-@settings(max_examples=12)
+@settings(max_examples=lives(12, soak=200))
 @given(SEEDS)
 def test_each_visit_to_a_state_has_an_execution_of_its_own(seed: int) -> None:
     machine = random_round(Random(seed))
@@ -84,16 +84,3 @@ def test_each_visit_to_a_state_has_an_execution_of_its_own(seed: int) -> None:
 def test_such_executions_often_begin_ahead() -> None:
     rounds = [(random_round(Random(seed)), seed) for seed in range(8)]
     assert sum(check_executions(machine, lived(machine, EAGER, seed).entries) for machine, seed in rounds) > 8
-
-
-@pytest.mark.soak
-@settings(max_examples=200)
-@given(SEEDS)
-def test_all_of_that_of_many_machines(seed: int) -> None:
-    for test in (
-        test_where_nothing_is_likely_a_run_is_that_of_the_plain_machine,
-        test_nothing_ahead_violates_a_condition_of_the_current_activity,
-        test_a_machine_goes_the_way_that_it_goes_without_a_preview,
-        test_each_visit_to_a_state_has_an_execution_of_its_own,
-    ):
-        test.hypothesis.inner_test(seed)  # type: ignore[attr-defined]

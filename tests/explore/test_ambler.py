@@ -159,7 +159,8 @@ def checked_walk(steps: int) -> tca.Scenario:
     return walk(steps, at_most(1, steps_planned_ahead), at_most(1, at_the_machine), *in_order(steps), never_stuck())
 
 
-@pytest.mark.parametrize("steps", [2, pytest.param(5, marks=pytest.mark.soak)])
+@pytest.mark.soak
+@pytest.mark.parametrize("steps", [2, 5])
 def test_planning_is_one_step_ahead_and_never_two(steps: int) -> None:
     last_ahead = False
 

@@ -43,6 +43,12 @@ class Terminal:
     def type(self, keys: bytes) -> None:
         os.write(self.master, keys)
 
+    def vanish(self) -> None:
+        """Go away, as a window that is closed."""
+        null = os.open(os.devnull, os.O_RDWR)
+        os.dup2(null, self.master)
+        os.close(null)
+
     def ends(self) -> int:
         """The exit code; the terminal must be as it was."""
         end = time.monotonic() + SOON

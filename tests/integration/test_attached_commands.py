@@ -1,16 +1,14 @@
 """What is attached to messages and tasks: it is listed, and taken away, whoever attached it."""
 
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 from integration.commanded import FELL, FIX, LATER, LOOK, MOVE, SAY_MOVE, SOON, WALK, tca
 from module.real_central import RealCentral, until
+from processes import Process
 
 from tca_module import Client, Condition, Module, Refused, connect
 from tca_tools.live.questions import attached
@@ -156,10 +154,8 @@ def test_a_wiretap_that_an_edited_program_no_longer_makes_is_marked_and_taken_aw
 ) -> None:
     program = tmp_path / "guard.py"
     program.write_text(_GUARD)
-    tests = Path(__file__).parents[1]
-    environment = {**os.environ, "PYTHONPATH": f"{tests.parent}{os.pathsep}{tests}"}
     for words in (["checks"], []):
-        with subprocess.Popen([sys.executable, program, *words], stdin=subprocess.PIPE, env=environment) as process:
+        with Process(str(program), *words) as process:
             until(lambda: "guard" in {one["module"] for one in user.status("modules")}, "the program is there")
             until(lambda: "later" in listed("wiretaps"), "it has attached something")
             if not words:

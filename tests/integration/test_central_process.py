@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 import zmq
 from click.testing import CliRunner
-from integration.programs import central, program
 from module.real_central import RealCentral
+from processes import central, program
 
 from tca_central.__main__ import central as central_command
 from tca_central.shell.log_lines import LineFormatter
@@ -81,16 +81,12 @@ MOVES_UNTIL_TERMINATED = (
 )
 
 
-def ready(process: object) -> None:
-    assert process.stdout.readline() == "ready\n"  # type: ignore[attr-defined]
-
-
 def test_queries_commands_and_a_killed_module_through_real_processes(tmp_path: Path) -> None:
     with central(tmp_path, bind="tcp://127.0.0.1:*") as daemon:
         address = daemon.first_line.rpartition(" ")[2]
         with program(SQUARES, address) as squares, program(MOVES, address) as legs, connect("user", address) as user:
-            ready(squares)
-            ready(legs)
+            squares.hear("ready")
+            legs.hear("ready")
             assert user.query(SQUARE, 12) == 144
             assert user.command(MOVE, 5).result(timeout=10) == 5
             with pytest.raises(TaskFailed, match="module lost"):
@@ -107,7 +103,7 @@ def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
         program(SQUARES, daemon.address) as squares,
         connect("user", daemon.address) as user,
     ):
-        ready(squares)
+        squares.hear("ready")
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         enemy = context.socket(zmq.DEALER)
         enemy.linger = 0
@@ -195,8 +191,7 @@ def test_a_new_run_may_begin_where_a_central_has_crashed(tmp_path: Path) -> None
     with central(tmp_path) as first:
         with connect("early", first.address) as user:
             user.modules()
-        first.signal(signal.SIGKILL)
-        first.process.wait()
+        first.kill()
     before = {path.name: path.read_bytes() for path in first.journal.iterdir()}
     with central(tmp_path, "--fresh") as again, connect("late", again.address) as user:
         user.modules()
@@ -341,8 +336,7 @@ def test_a_client_that_slept_through_a_restart_loses_nothing(tmp_path: Path) -> 
             user.command(WORK, 1)
             user.set_variable(LEVEL, 1)
             user.set_variable(HEIGHT, 1)
-        first.signal(signal.SIGKILL)
-        first.process.wait()
+        first.kill()
         stack.enter_context(central(tmp_path / "again", bind=first.address))
         told = {call: CALLS[call][0](user) for call, user in users.items()}
         assert told == {call: expected for call, (_, expected) in CALLS.items()}

@@ -3,8 +3,8 @@
 from contextlib import suppress
 from pathlib import Path
 
-from integration.programs import central, program
 from module.real_central import SOON
+from processes import central, program
 
 from tca_module import Command, Goal, Module, Refused, Task
 

@@ -1,13 +1,11 @@
 """Direct messages between processes that are killed."""
 
 import signal
-import subprocess
-import time
 from pathlib import Path
 
 import pytest
-from integration.programs import Central, central, program, tca
 from module.real_central import until
+from processes import Central, Process, central, program, tca
 
 from tca_module import Client, Inform, NotSent, PendingReply, Query, QueryFailed, connect
 from tca_tools.journal.fold import History
@@ -43,16 +41,16 @@ MAP = """
 
 
 def ask_until_direct(daemon: Central, user: Client) -> None:
-    deadline = time.monotonic() + SOON
-    while not any(one.direct_from for one in History.until(open_log(daemon.journal)).handlings):
-        assert time.monotonic() < deadline
+    def goes_directly() -> bool:
         assert user.query(HEIGHT, 1.0, timeout=SOON) == 1.0
+        return any(one.direct_from for one in History.until(open_log(daemon.journal)).handlings)
+
+    until(goes_directly, "queries go directly", SOON)
 
 
-def begin_slow_query(user: Client, module: "subprocess.Popen[str]") -> PendingReply[float]:
+def begin_slow_query(user: Client, module: Process) -> PendingReply[float]:
     pending = user.query_send(HEIGHT, -1.0)
-    assert module.stdout
-    assert module.stdout.readline() == "begun\n"
+    module.hear("begun")
     return pending
 
 
@@ -60,8 +58,7 @@ def test_a_module_that_is_killed_while_it_serves(tmp_path: Path) -> None:
     """The query fails as it would through central; what is asked next waits for the next module that can answer."""
     with central(tmp_path) as daemon, connect("user", daemon.address) as user:
         with program(MAP, daemon.address) as module:
-            assert module.stdout
-            assert module.stdout.readline() == "runs\n"
+            module.hear("runs")
             ask_until_direct(daemon, user)
             pending = begin_slow_query(user, module)
             queued = user.query_send(HEIGHT, 2.0)
@@ -82,8 +79,7 @@ def test_informs_on_the_way_to_a_module_that_is_killed_are_reported(tmp_path: Pa
     """Its sender says how many may not have been handled: to central, in its log, and when it leaves."""
     with central(tmp_path) as daemon, program(MAP, daemon.address) as module:
         user = connect("user", daemon.address, linger=SOON)
-        assert module.stdout
-        assert module.stdout.readline() == "runs\n"
+        module.hear("runs")
         ask_until_direct(daemon, user)
         user.inform(POSE, 0.0)  # goes through central, which tells the way
         user.status()  # by its answer the user has been told

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import zmq
-from integration.programs import Central, central
+from processes import Central, central
 
 from tca_module import CentralLost, connect
 from tca_module.sockets.transport import is_turned_away
@@ -90,7 +90,6 @@ def idle_connections(context: "zmq.Context[zmq.Socket[bytes]]", address: str) ->
 
 def said_by(daemon: Central, words: str) -> str:
     """A line of its log."""
-    assert daemon.process.stderr
     while words not in (line := daemon.process.stderr.readline()):
         assert line, f"it ended, and never said: {words}"
     return line

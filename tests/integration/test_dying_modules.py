@@ -7,8 +7,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from integration.programs import central, program
 from module.real_central import until
+from processes import central, program
 
 from tca_central.requests.joining import MOST_AHEAD
 from tca_module import Client, Command, ExceptionHandler, Module, Query, QueryFailed, Recovery, TaskFailed, connect
@@ -53,8 +53,7 @@ def test_who_waits_for_a_program_that_dies_is_told(tmp_path: Path) -> None:
                 with program(DIES.replace("{how}", how) + end + "\n", daemon.address) as dying:
                     user.wait_until_handled(Command("work"), timeout=SOON)
                     work = user.command(Command("work"))
-                    assert dying.stdout
-                    assert dying.stdout.readline() == "begun\n"
+                    dying.hear("begun")
                     if "readline" in end:
                         dying.communicate("x\n")
                     with pytest.raises(TaskFailed, match="module lost: module 'm' was lost"):
@@ -132,8 +131,7 @@ def test_central_ends_at_once_though_a_module_of_many_stands_still(tmp_path: Pat
             work = [user.command(Command(f"work m{number}"), sequential=False) for number in range(50)]
             work.append(user.command(Command("work"), sequential=False))
             assert all(one.id for one in work)
-            assert stopped.stdout
-            assert stopped.stdout.readline() == "begun\n"
+            stopped.hear("begun")
             stopped.send_signal(signal.SIGSTOP)
             assert [user.command(Command("work"), sequential=False).id for _ in range(20)]
             daemon.signal(signal.SIGTERM)

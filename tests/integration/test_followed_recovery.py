@@ -1,11 +1,10 @@
 """Central is killed under those who follow, observe, update and cancel a task, and goes on: they notice nothing."""
 
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from integration.programs import Central, program
+from processes import Central, program
 
 from tca_module import Command, Outcome, Rejected, connect
 
@@ -41,15 +40,13 @@ CAMERA = """
 def central(tmp_path: Path) -> Iterator[list[Central]]:
     running = [Central(tmp_path)]
     with program(CAMERA, running[0].address) as camera:
-        assert camera.stdout
-        assert camera.stdout.readline() == "runs\n"
+        camera.hear("runs")
         yield running
     running[-1].stop()
 
 
 def kill(central: list[Central]) -> None:
-    central[-1].signal(signal.SIGKILL)
-    central[-1].process.communicate()
+    central[-1].kill()
 
 
 def test_a_task_is_followed_updated_and_cancelled_through_kills_of_central(

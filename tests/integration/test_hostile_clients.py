@@ -14,7 +14,7 @@ import msgspec
 import pytest
 import zmq
 from integration.commanded import tca as ask
-from integration.programs import Central, central, tca
+from processes import Central, central, tca
 
 from tca_central.events import AWAY
 from tca_module import Client, Inform, MisuseError, connect

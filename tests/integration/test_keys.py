@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import zmq
 from click.testing import CliRunner
-from integration.programs import central, tca
-from module.real_central import SOON, RealCentral, soon, until
+from module.real_central import SOON, RealCentral, until
+from processes import central, tca
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, KeysChanged, RequestReceived
@@ -94,10 +94,12 @@ def test_a_module_works_over_keys_with_its_slots_and_pulse(keyed: RealCentral, a
         known = keyed.server.central.registry.connections.values()
         assert {one.principal for one in known} == {"arm"}
         pulses = {one.pulse for one in known}
-        with soon("the pulse is there") as may_go_on:
-            while not pulses <= keyed.server._pulses._met:
-                keyed.server.look_again()
-                may_go_on()
+
+        def is_met() -> bool:
+            keyed.server.look_again()
+            return pulses <= keyed.server._pulses._met
+
+        until(is_met, "the pulse is there")
 
 
 def test_the_wrong_key_no_key_and_the_wrong_central(keyed: RealCentral, folder: Path, as_key: Callable[[str], None], tmp_path: Path) -> None:  # fmt: skip
@@ -129,9 +131,7 @@ def test_a_program_whose_key_is_allowed_later_gets_in_by_itself(
     as_key(path)
     with ThreadPoolExecutor() as threads:
         late = threads.submit(lambda: connect("late", keyed.address, patience=30).close())
-        with soon("it is refused") as may_go_on:
-            while "refused a key from 127.0.0.1" not in caplog.text:
-                may_go_on()
+        until(lambda: "refused a key from 127.0.0.1" in caplog.text, "it is refused")
         said("allow", "late", read_client_key(Path(path)).public)
         late.result(timeout=30)
 
@@ -173,9 +173,7 @@ def test_a_revoked_key_is_cut_off_at_once(keyed: RealCentral, folder: Path, as_k
     arm = connect("arm", keyed.address, patience=0.5)
     said("revoke", "arm")
     keyed.server.look_again()
-    with soon("the arm has left") as may_go_on:
-        while not keyed.facts(facts.ModuleLeft):
-            may_go_on()
+    until(lambda: keyed.facts(facts.ModuleLeft), "the arm has left")
     (left,) = keyed.facts(facts.ModuleLeft)
     assert (left.module, left.lost) == ("arm", True)
     assert "not allowed any more" in left.why
@@ -296,10 +294,12 @@ def test_direct_messages_are_encrypted_and_end_with_the_key(
         as_key("user")
         user = connect("user", keyed.address, patience=0.5)
         link = user._connection()
-        with soon("queries go directly") as may_go_on:
-            while not any(path.is_usable for path in link.direct._routes.paths.values()):
-                assert user.query(SQUARE, 3, timeout=SOON) == 9
-                may_go_on()
+
+        def goes_directly() -> bool:
+            assert user.query(SQUARE, 3, timeout=SOON) == 9
+            return any(path.is_usable for path in link.direct._routes.paths.values())
+
+        until(goes_directly, "queries go directly")
         assert user.query(SQUARE, 4, timeout=SOON) == 16
         (path,) = link.direct._routes.paths.values()
         assert path.entrance.curve
@@ -311,11 +311,13 @@ def test_direct_messages_are_encrypted_and_end_with_the_key(
             assert not stranger.poll(300)
         said("revoke", "user")
         keyed.server.look_again()
-        with soon("the slot hears no more of it") as may_go_on:
-            while path.is_usable:
-                with suppress(CentralLost, Timeout, Refused):
-                    user.query(SQUARE, 5, timeout=0.1)
-                may_go_on()
+
+        def hears_no_more() -> bool:
+            with suppress(CentralLost, Timeout, Refused):
+                user.query(SQUARE, 5, timeout=0.1)
+            return not path.is_usable
+
+        until(hears_no_more, "the slot hears no more of it")
         assert is_shut_out(lambda: user.query(SQUARE, 6, timeout=0.5))
         assert 6 not in handled
         with suppress(CentralLost):
@@ -431,9 +433,7 @@ def test_another_user_is_let_in_by_number_while_the_permissions_say_so() -> None
             assert joined == [("knocker", "uid:65534")]
             rules.write_text(owner)
             running.server.look_again()
-            with soon("the rules are read") as may_go_on:
-                while len(running.facts(facts.PermissionsChanged)) < 2:
-                    may_go_on()
+            until(lambda: len(running.facts(facts.PermissionsChanged)) >= 2, "the rules are read")
             assert file.stat().st_mode & 0o077 == 0
             file.chmod(0o777)
             answer = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

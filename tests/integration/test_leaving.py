@@ -9,10 +9,9 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from integration.programs import Central, central, program
+from processes import Central, Process, central, program
 
 from tca_module import Goal, Outcome, connect
-from tca_tools.journal.journals import open_log
 from tca_tools.live.questions import status
 from tca_wire.journal import facts
 
@@ -106,11 +105,9 @@ MODULE = """
 """
 
 
-def stopped_when_there(running: "subprocess.Popen[str]", daemon: Central) -> None:
+def stopped_when_there(running: Process, daemon: Central) -> None:
     """The program goes on when central stands still."""
-    assert running.stdout
-    assert running.stdin
-    assert running.stdout.readline() == "there\n"
+    running.hear("there")
     daemon.signal(signal.SIGSTOP)
     running.stdin.write("go on\n")
     running.stdin.flush()
@@ -131,10 +128,7 @@ def test_all_arrives_at_a_central_that_takes_its_time(text: str, tmp_path: Path)
         _, said = script.communicate(timeout=30)
         assert (script.returncode, said) == (0, "")
         daemon.stop()
-        received = [
-            fact for entry in open_log(daemon.journal) for fact in entry.facts if isinstance(fact, facts.Received)
-        ]
-    assert sum(fact.message == "pose" for fact in received) == 51
+    assert sum(fact.message == "pose" for fact in daemon.facts(facts.Received)) == 51
 
 
 def test_a_thread_that_never_stops_sending_is_cut_off_without_a_word(tmp_path: Path) -> None:
@@ -195,8 +189,7 @@ RUNNING = "with robot.running():\n    robot.goal(WORK).wait()\n"
 )
 def test_the_first_ctrl_c_ends_it(tmp_path: Path, body: str, code: int, said: str) -> None:
     with central(tmp_path) as daemon, program(ROBOT + body, daemon.address) as robot:
-        assert robot.stdout
-        assert robot.stdout.readline() == "docking\n"
+        robot.hear("docking")
         robot.send_signal(signal.SIGINT)
         output, errors = robot.communicate(timeout=20)
     assert output == f"left the dock\n{said}"
@@ -225,10 +218,9 @@ robot.run()
 
 def test_a_handler_that_waits_on_though_it_was_killed_does_not_keep_its_program(tmp_path: Path) -> None:
     with central(tmp_path) as daemon, program(KILLED, daemon.address) as robot, connect("user", daemon.address) as user:
-        assert robot.stdout
         work = Goal("work")
         working = user.goal(work)
-        assert robot.stdout.readline() == "at work\n"
+        robot.hear("at work")
         working.kill("enough")
         killed = f"{working} was killed: enough (by user); the wait for handlers is not waited for any more\n"
         assert robot.stdout.readline() == killed

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 import zmq
-from integration.programs import Central, central, program
 from module.real_central import RealCentral
+from processes import Central, central, program
 
 from tca_central.core import Central as Core
 from tca_central.shell import server as shell
@@ -35,7 +35,6 @@ from tca_module import (
     Variable,
     connect,
 )
-from tca_tools.journal.journals import open_log
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
 from tca_wire.packets import headers
@@ -74,8 +73,7 @@ def peak(daemon: Central) -> int:
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="counts as Linux does")
 def test_a_receiver_that_stands_still_costs_only_what_is_meant_for_it(daemon: Central) -> None:
     with program(EYES, daemon.address) as eyes, connect("user", daemon.address) as user:
-        assert eyes.stdout
-        assert eyes.stdout.readline() == "runs\n"
+        eyes.hear("runs")
         eyes.send_signal(signal.SIGSTOP)
         data = os.urandom(1 << 20)
         for _ in range(100):
@@ -127,8 +125,7 @@ def test_ten_thousand_names_that_nobody_handles_do_not_keep_others_out(tmp_path:
                 pass
             assert watcher.status()["messages"] == watcher.status()["waiting for a handler"] == 10_000
             with program(EYES, daemon.address) as eyes:
-                assert eyes.stdout
-                assert eyes.stdout.readline() == "runs\n"
+                eyes.hear("runs")
                 assert watcher.query(LOOK, b"x", timeout=20.0) == 1
                 dropped = watcher.status()["dropped"]
                 assert dropped
@@ -283,14 +280,13 @@ def test_the_kill_of_a_very_large_tree_costs_no_living_module_its_place(tmp_path
     is handled goes on, and who handles stays.
     """
     with central(tmp_path) as daemon, program(DIGGER, daemon.address) as digger:
-        assert digger.stdout is not None
-        assert digger.stdout.readline() == "ready\n"
+        digger.hear("ready")
         with (
             connect("user", daemon.address, patience=120) as user,
             connect("hasty", daemon.address, patience=0.3) as hasty,
         ):
             dig, walk = user.command(DIG), user.goal(WALK)
-            assert digger.stdout.readline() == "digging\n"
+            digger.hear("digging")
             fill(user, walk)
             assert user.query(DEPTH, timeout=60) == 7
             daemon.signal(signal.SIGSTOP)
@@ -303,9 +299,8 @@ def test_the_kill_of_a_very_large_tree_costs_no_living_module_its_place(tmp_path
             assert {"digger", "gauge", "hasty"} <= {module.name for module in user.modules()}
             assert dig.kill()
             assert dig.wait(timeout=60) is Outcome.KILLED
-    recorded = [fact for entry in open_log(daemon.journal) for fact in entry.facts]
-    assert sum(isinstance(fact, facts.Killed) for fact in recorded) == TASKS + 2
-    assert not [fact for fact in recorded if isinstance(fact, facts.Failed)]
+    assert len(daemon.facts(facts.Killed)) == TASKS + 2
+    assert not daemon.facts(facts.Failed)
 
 
 def fill(user: Client, walk: SentTask[None]) -> None:

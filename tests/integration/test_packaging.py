@@ -13,7 +13,7 @@ import tarfile
 from pathlib import Path
 
 import pytest
-from integration.programs import central
+from processes import central
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = sorted(path.parent.name for path in ROOT.glob("tca_*/__init__.py"))
@@ -58,7 +58,18 @@ def python(dist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     environment = tmp_path_factory.mktemp("environment") / "fresh"
     run(sys.executable, "-m", "venv", "--without-pip", environment, cwd=dist)
     python = environment / "bin" / "python"
-    pip = (sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-index", "--no-deps")
+    pip = (
+        sys.executable,
+        "-m",
+        "pip",
+        "--python",
+        python,
+        "install",
+        "--quiet",
+        "--no-index",
+        "--no-deps",
+        "--no-compile",
+    )
     run(*pip, *dist.glob("*.whl"), cwd=dist)
     packages = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=dist).strip())
     (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")

@@ -6,11 +6,12 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from integration.programs import central
-from module.real_central import SOON, RealCentral, soon
+from module.real_central import SOON, RealCentral, until
+from processes import central
 
 from tca_central.shell.gate import Gate
 from tca_central.shell.permissions_file import PermissionsError, PermissionsFile, read_rules, users_in
@@ -124,9 +125,7 @@ def running(path: Path, tmp_path: Path) -> Iterator[RealCentral]:
 
 def changed(running: RealCentral, count: int) -> None:
     running.server.look_again()
-    with soon("the permissions have changed") as may_go_on:
-        while len(running.facts(facts.PermissionsChanged)) < count:
-            may_go_on()
+    until(lambda: len(running.facts(facts.PermissionsChanged)) >= count, "the permissions have changed")
 
 
 def test_permissions_are_read_again_while_all_goes_on(
@@ -147,9 +146,7 @@ def test_permissions_are_read_again_while_all_goes_on(
         connect("other", running.address).close()
         path.write_text("nonsense")
         running.server.look_again()
-        with soon("the log tells of it") as may_go_on:
-            while "the permissions stay as they were" not in caplog.text:
-                may_go_on()
+        until(lambda: "the permissions stay as they were" in caplog.text, "the log tells of it")
         user.inform(SECRET, 2)
         path.write_text(LITTLE)
         changed(running, 3)
@@ -166,13 +163,14 @@ def test_a_signal_makes_central_look_at_once(tmp_path: Path, path: Path) -> None
             connect("other", daemon.address)
         path.write_text(ALL)
         os.kill(daemon.process.pid, signal.SIGHUP)
-        with soon("the permissions have changed") as may_go_on:
-            while may_go_on():
-                try:
-                    connect("other", daemon.address).close()
-                except Refused:
-                    continue
-                break
+
+        def is_let_in() -> bool:
+            with suppress(Refused):
+                connect("other", daemon.address).close()
+                return True
+            return False
+
+        until(is_let_in, "the permissions have changed")
         assert "who may do what is said by" in daemon.stop()
 
 

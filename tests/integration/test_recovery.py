@@ -4,19 +4,16 @@ import errno
 import os
 import re
 import shutil
-import signal
-import subprocess
-import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
 from threading import Thread
 
 import pytest
 import zmq
-from integration.programs import Central, central, program, tca
+from module.real_central import until
+from processes import Central, Process, central, program, tca
 
 from dev.invariants import check_invariants
 from tca_central import core
@@ -72,14 +69,11 @@ class Robot:
         self.folder = folder
         self.notebook = folder / "done"
         self.central = Central(folder)
-        self._legs = program(LEGS.format(done=str(self.notebook)), self.central.address)
-        self.legs = self._legs.__enter__()
-        assert self.legs.stdout
-        assert self.legs.stdout.readline() == "runs\n"
+        self.legs = program(LEGS.format(done=str(self.notebook)), self.central.address)
+        self.legs.hear("runs")
 
     def kill(self) -> None:
-        self.central.signal(signal.SIGKILL)
-        self.central.process.communicate()
+        self.central.kill()
 
     def restart(self, *options: str) -> str:
         """Central comes back; its first line."""
@@ -91,7 +85,7 @@ class Robot:
         return Counter(int(number) for word, number in words if word == "begin")
 
     def close(self) -> None:
-        self._legs.__exit__(None, None, None)
+        self.legs.close()
         self.central.stop()
 
 
@@ -106,27 +100,6 @@ def robot(tmp_path: Path) -> Iterator[Robot]:
 def user(robot: Robot) -> Iterator[Client]:
     with connect("user", robot.central.address, patience=20) as client:
         yield client
-
-
-@contextmanager
-def program_of(command: list[str]) -> Iterator["subprocess.Popen[str]"]:
-    """A central, once it has said something."""
-    running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    try:
-        assert running.stderr
-        running.stderr.readline()
-        yield running
-    finally:
-        running.kill()
-        running.communicate()
-
-
-def until(client: Client, holds: Callable[[], bool]) -> None:
-    for _ in range(4000):
-        if holds():
-            return
-        client.status()
-    pytest.fail("not in time")
 
 
 def test_commands_go_on_through_kills_and_none_is_done_twice(robot: Robot, user: Client) -> None:
@@ -147,7 +120,7 @@ def test_commands_go_on_through_kills_and_none_is_done_twice(robot: Robot, user:
 def test_a_handler_goes_on_while_central_is_away_and_its_result_is_taken(robot: Robot, user: Client) -> None:
     user.set_variable(SPEED, 3)
     step = user.command(STEP, -1)
-    until(user, lambda: robot.begun()[-1] == 1)
+    until(lambda: robot.begun()[-1] == 1, "the step has begun")
     after = user.command(STEP, 5)
     user.status()
     robot.kill()
@@ -161,7 +134,7 @@ def test_a_handler_goes_on_while_central_is_away_and_its_result_is_taken(robot: 
 
 def test_whether_the_handler_of_a_dead_module_was_done_is_uncertain(robot: Robot, user: Client) -> None:
     step = user.command(STEP, -1)
-    until(user, lambda: robot.begun()[-1] == 1)
+    until(lambda: robot.begun()[-1] == 1, "the step has begun")
     robot.kill()
     robot.legs.kill()
     robot.legs.wait()
@@ -175,7 +148,7 @@ def test_a_program_has_ended_also_if_nobody_asks_for_its_exit_code(robot: Robot,
     user.command(STEP, 1).result(timeout=20)
     robot.kill()
     robot.legs.kill()
-    os.waitid(os.P_PID, robot.legs.pid, os.WEXITED | os.WNOWAIT)
+    until(lambda: Path(f"/proc/{robot.legs.pid}/stat").read_text().split()[2] == "Z", "it has ended")
     run = recover(robot.central.journal, unfinished(robot.central.journal))
     run.central.handle(run.restarted(hold=False))
     names = {connection.id: connection.module.name for connection in run.central.registry.connections.values()}
@@ -208,12 +181,12 @@ def test_without_a_name_the_journal_of_the_address_is_gone_on_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    command = [sys.executable, "-m", "tca_central", "--bind", f"ipc://{tmp_path}/c.sock"]
-    with program_of(command) as first, connect("user", f"ipc://{tmp_path}/c.sock", patience=20) as user:
+    command = ["-m", "tca_central", "--bind", f"ipc://{tmp_path}/c.sock"]
+    with Process(*command) as first, connect("user", f"ipc://{tmp_path}/c.sock", patience=20) as user:
         epoch = user.status()["epoch"]
         first.kill()
         first.wait()
-        with program_of(command):
+        with Process(*command):
             assert user.status()["epoch"] == epoch
 
 
@@ -368,7 +341,7 @@ def test_a_wall_clock_that_has_jumped_changes_nothing(
 
 def test_without_inputs_a_new_run_begins_and_the_old_one_is_over(robot: Robot, user: Client) -> None:
     user.command(STEP, -1)
-    until(user, lambda: robot.begun()[-1] == 1)
+    until(lambda: robot.begun()[-1] == 1, "the step has begun")
     user.command(STEP, 5)
     user.status()
     robot.kill()

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from integration.programs import central, program
+from processes import central, program
 
 from tca_module import Command, Outcome, connect
 
@@ -43,8 +43,7 @@ def test_kills_and_locks_are_quick_in_a_flood(tmp_path: Path) -> None:
         user.wait_until_handled(WORK, timeout=SOON)
         for _ in range(3):
             flood = programs.enter_context(program(FLOOD, daemon.address))
-            assert flood.stdout
-            assert flood.stdout.readline() == "floods\n"
+            flood.hear("floods")
         took = []
         for _ in range(KILLS):
             work = user.command(WORK, sequential=False)

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import subprocess
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,11 +9,10 @@ from pathlib import Path
 
 import pytest
 import zmq
-from integration.programs import Central, central, program
 from module.real_central import until
+from processes import Central, central, program
 
 from tca_module import CentralLost, Command, Module, MultiQuery, Outcome, Query, TaskFailed, Timeout, Variable, connect
-from tca_tools.journal.journals import open_log
 from tca_wire.journal import facts
 from tca_wire.packets import codec, headers
 
@@ -68,16 +66,6 @@ PARENT = """
 """
 
 
-def hear(running: "subprocess.Popen[str]", line: str) -> None:
-    assert running.stdout
-    too_late = threading.Timer(3 * SOON, running.kill)
-    too_late.start()
-    try:
-        assert running.stdout.readline() == f"{line}\n"
-    finally:
-        too_late.cancel()
-
-
 def eyes_at(address: str) -> Module:
     eyes = Module("eyes", address)
     eyes.resource("camera")
@@ -86,10 +74,9 @@ def eyes_at(address: str) -> Module:
     return eyes
 
 
-def silent(journal: Path) -> list[str]:
+def silent(daemon: Central) -> list[str]:
     """Which modules were lost for their silence, by the journal."""
-    found = [fact for entry in open_log(journal) for fact in entry.facts if isinstance(fact, facts.ModuleLeft)]
-    return [fact.module for fact in found if "silent" in fact.why]
+    return [fact.module for fact in daemon.facts(facts.ModuleLeft) if "silent" in fact.why]
 
 
 TCP = "tcp://127.0.0.1:*"
@@ -109,7 +96,7 @@ def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") ->
         with program(LEGS, address) as legs, connect("user", address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
             step = user.command(STEP)
-            hear(legs, "steps")
+            legs.hear("steps")
             legs.send_signal(signal.SIGSTOP)
             with pytest.raises(TaskFailed, match=f"module lost: module 'legs' was lost: {why}"):
                 step.result(timeout=SOON)
@@ -117,19 +104,19 @@ def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") ->
             assert user.query(LOOK, timeout=SOON) == "clear"
             assert {module.name for module in user.modules()} == {"user", "eyes"}
             legs.send_signal(signal.SIGCONT)
-            hear(legs, "was told")
+            legs.hear("was told")
             user.wait_until_handled(STEP, timeout=SOON)
             step = user.command(STEP)
-            hear(legs, "steps")
+            legs.hear("steps")
             step.kill()
-            hear(legs, "was told")
+            legs.hear("was told")
             assert step.wait(timeout=SOON) is Outcome.KILLED
             legs.terminate()
             late = f"the answer of task 1 'step' came too late: the module had been lost ({why})\n"
             assert legs.communicate()[1] == late
         log = [line for line in daemon.stop().splitlines() if "refused" in line or "nothing done" in line]
         assert log == [f"central: nothing done for module 'legs': {late.strip()}"]
-        assert silent(daemon.journal) == ["legs"]
+        assert silent(daemon) == ["legs"]
 
 
 def test_a_module_that_is_stopped_is_lost_and_comes_back_when_it_goes_on(tmp_path: Path) -> None:
@@ -145,7 +132,7 @@ def test_five_seconds_are_too_many(tmp_path: Path, bind: str) -> None:
 def test_a_script_that_is_stopped_keeps_no_lock(tmp_path: Path) -> None:
     with central(tmp_path, "--lost-after", "3") as daemon, eyes_at(daemon.address).running():
         with program(CLIENT, daemon.address) as script, connect("other", daemon.address) as other:
-            hear(script, "has it")
+            script.hear("has it")
             script.send_signal(signal.SIGSTOP)
             other.lock("camera", timeout=SOON).release()
 
@@ -162,7 +149,7 @@ def test_a_process_that_was_stopped_before_its_pulse_was_there_is_lost(tmp_path:
             until(lambda: {module.name for module in user.modules()} == {"user", "early"}, "it is there")
             until(lambda: {module.name for module in user.modules()} == {"user"}, "it is lost", SOON)
         daemon.stop()
-        assert silent(daemon.journal) == ["early"]
+        assert silent(daemon) == ["early"]
 
 
 @pytest.mark.soak
@@ -172,7 +159,7 @@ def test_a_handler_that_keeps_pythons_lock_is_not_dead(tmp_path: Path) -> None:
             user.wait_until_handled(LOAD, timeout=SOON)
             assert user.command(LOAD, 8.0).wait(timeout=SOON) is Outcome.DONE
         daemon.stop()
-        assert silent(daemon.journal) == []
+        assert silent(daemon) == []
 
 
 @pytest.mark.soak
@@ -181,11 +168,11 @@ def test_who_stood_still_himself_does_not_complain_of_a_silent_central(tmp_path:
         with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
             user.command(STEP)
-            hear(legs, "steps")
+            legs.hear("steps")
             legs.send_signal(signal.SIGSTOP)
             threading.Event().wait(12)  # longer than anybody's patience
             legs.send_signal(signal.SIGCONT)
-            hear(legs, "was told")
+            legs.hear("was told")
             user.wait_until_handled(STEP, timeout=SOON)
             legs.terminate()
             assert "does not answer" not in legs.communicate()[1]
@@ -199,7 +186,7 @@ def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> 
             with connect("user", address, patience=3.0) as user:
                 user.wait_until_handled(STEP, timeout=SOON)
                 step = user.command(STEP)
-                hear(legs, "steps")
+                legs.hear("steps")
                 daemon.signal(signal.SIGSTOP)
                 with pytest.raises(CentralLost):
                     user.query(LOOK)
@@ -211,7 +198,7 @@ def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> 
                 step.kill()
                 assert step.wait(timeout=SOON) is Outcome.KILLED
         daemon.stop()
-        assert silent(daemon.journal) == []
+        assert silent(daemon) == []
 
 
 @pytest.mark.soak
@@ -220,13 +207,13 @@ def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> Non
         with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
             step = user.command(STEP)
-            hear(legs, "steps")
+            legs.hear("steps")
             legs.send_signal(signal.SIGSTOP)
             with pytest.raises(Timeout):
                 step.wait(timeout=7)
             legs.send_signal(signal.SIGCONT)
             step.kill()
-            hear(legs, "was told")
+            legs.hear("was told")
             assert step.wait(timeout=SOON) is Outcome.KILLED
 
 
@@ -235,7 +222,6 @@ def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_p
     """The kernel closes them only when the last process that has them ends; a child has no pulse."""
     with central(tmp_path, "--lost-after", "3") as daemon, connect("user", daemon.address) as user:
         with program(PARENT, daemon.address) as parent:
-            assert parent.stdout
             child = int(parent.stdout.readline())
             try:
                 parent.kill()
@@ -243,7 +229,7 @@ def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_p
             finally:
                 os.kill(child, signal.SIGKILL)
         daemon.stop()
-        assert silent(daemon.journal) == ["parent"]
+        assert silent(daemon) == ["parent"]
 
 
 def test_a_timeout_holds_at_a_messages_first_use_too(tmp_path: Path) -> None:
@@ -302,5 +288,5 @@ def test_a_task_whose_sender_believes_it_lost_is_not_done_when_central_goes_on(t
         wanted.kill()
         assert wanted.wait(5) is Outcome.KILLED
         daemon.stop()
-        killed = [fact for entry in open_log(daemon.journal) for fact in entry.facts if isinstance(fact, facts.Killed)]
+        killed = daemon.facts(facts.Killed)
     assert [(fact.by, bool(fact.why)) for fact in killed] == [("user", False), ("user", True), ("user", False)]

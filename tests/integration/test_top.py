@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from integration.programs import central, program
 from integration.terminal import Terminal, terminal
+from processes import central, program
 
 from tca_tools.live.top import top
 
@@ -39,8 +39,7 @@ def top_in_terminal(address: str, *options: str) -> AbstractContextManager[Termi
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     with central(tmp_path_factory.mktemp("top"), "--quiet") as daemon, program(ROBOT, daemon.address) as robot:
-        assert robot.stdout
-        assert robot.stdout.readline() == "ready\n"
+        robot.hear("ready")
         yield daemon.address
 
 

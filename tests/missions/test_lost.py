@@ -6,9 +6,9 @@ from functools import partialmethod
 from pathlib import Path
 
 import pytest
-from integration.programs import central, program
 from missions.gripper import Brake, serving
 from module.real_central import SOON, until
+from processes import central, program
 
 from tca_behaviours.missions import Environment, Idle, PeriodicTask, Status, TaskServer
 from tca_module import Module, TaskFailed, connect
@@ -83,8 +83,7 @@ def test_a_server_that_ends_terminates_what_runs(tmp_path: Path, number: signal.
         while not user.status("messages"):
             pass
         drive = user.command(user.declared("cart.Drive"), {})
-        assert server.stdout
-        assert server.stdout.readline() == "drives\n"
+        server.hear("drives")
         server.send_signal(number)
         assert server.communicate(timeout=20)[0] == says
         with pytest.raises(TaskFailed, match=why) as failed:

@@ -1,20 +1,16 @@
 """Missions as processes of their own, that are killed; and what goes on afterwards."""
 
 import contextlib
-import os
 import re
 import signal
-import subprocess
-import sys
-import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from integration.programs import program
 from missions.rover import TASKS, Rover
 from module.real_central import RealCentral, until
+from processes import Process, program
 
 from tca_behaviours.missions import Mission, StepUncertain, TaskServer
 from tca_module import connect
@@ -45,12 +41,9 @@ def served(folder: Path) -> Iterator[tuple[str, Rover]]:
 
 
 @contextmanager
-def on_its_trip(address: str, robot: Rover, folder: Path, *, stays: bool = False) -> "Iterator[subprocess.Popen[str]]":
+def on_its_trip(address: str, robot: Rover, folder: Path, *, stays: bool = False) -> Iterator[Process]:
     """The mission in a process, when it drives its second way, and has noted both drives' tasks."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", textwrap.dedent(TRIP.format(stays=stays))], cwd=folder, text=True, stderr=subprocess.PIPE,
-        env={**os.environ, "TCA_CENTRAL": address},
-    )  # fmt: skip
+    process = program(TRIP.format(stays=stays), address, cwd=folder)
 
     def drives_back() -> bool:
         steps = folder / "trip.steps"
@@ -60,8 +53,7 @@ def on_its_trip(address: str, robot: Rover, folder: Path, *, stays: bool = False
         until(lambda: drives_back() or process.poll() is not None, "the rover drives back", SOON)
         yield process
     finally:
-        process.kill()
-        process.communicate()
+        process.close()
 
 
 def tasks_of(address: str) -> list[str]:
@@ -120,7 +112,6 @@ def test_the_two_programs_of_the_page_run_as_they_are_printed(tmp_path: Path) ->
     with RealCentral(f"ipc://{tmp_path}/central.sock") as central, contextlib.ExitStack() as stack:
         serving = stack.enter_context(program(server, central.address))
         going = stack.enter_context(program(mission, central.address))
-        assert serving.stdout
         assert [serving.stdout.readline() for _ in range(3)] == [
             f"stopped at {place} m\n" for place in ("1", "0.5", "1")
         ]

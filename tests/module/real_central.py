@@ -3,8 +3,7 @@
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self
 
@@ -77,21 +76,9 @@ class RealCentral:
         self.close()
 
 
-@contextmanager
-def soon(what: str, seconds: float = SOON) -> Iterator[Callable[[], bool]]:
-    """Gives a question: may we go on trying? Asked too late, it fails."""
-    deadline = time.monotonic() + seconds
-
-    def may_go_on() -> bool:
-        assert time.monotonic() < deadline, f"not within {seconds:g} s: {what}"
-        time.sleep(0.005)
-        return True
-
-    yield may_go_on
-
-
 def until(is_so: Callable[[], Any], what: str, seconds: float = SOON) -> None:
     """Wait until something is so."""
-    with soon(what, seconds) as may_go_on:
-        while not is_so() and may_go_on():
-            pass
+    deadline = time.monotonic() + seconds
+    while not is_so():
+        assert time.monotonic() < deadline, f"not within {seconds:g} s: {what}"
+        time.sleep(0.005)

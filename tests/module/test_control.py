@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from module.real_central import SOON, RealCentral, until
 
-from dev.invariants import check_invariants
 from tca_module import (
     Client,
     Command,
@@ -83,15 +82,13 @@ class Robot:
 
 
 @pytest.fixture
-def robot() -> Iterator[tuple[Robot, Client]]:
-    with LocalCentral(check=check_invariants) as central:
-        robot = Robot(central)
-        with robot.legs.running(), robot.expert.running(), connect("user", central) as user:
-            yield robot, user
+def them(central: LocalCentral) -> Iterator[Robot]:
+    robot = Robot(central)
+    with robot.legs.running(), robot.expert.running():
+        yield robot
 
 
-def test_a_failure_is_retried_with_new_data_and_reissued_above(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
+def test_a_failure_is_retried_with_new_data_and_reissued_above(them: Robot, user: Client) -> None:
     user.on_failure(None, SHRUG)
     user.on_failure(COLLISION, HIGHER, of=MOVE)
     assert user.command(MOVE, 0.28).result(timeout=5) == pytest.approx(0.33)
@@ -103,8 +100,7 @@ def test_a_failure_is_retried_with_new_data_and_reissued_above(robot: tuple[Robo
     assert them.said[-5:] == [*attempts, "shrug"]
 
 
-def test_exception_handlers_travel_with_the_task_and_can_be_removed(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
+def test_exception_handlers_travel_with_the_task_and_can_be_removed(them: Robot, user: Client) -> None:
     assert user.command(MOVE, 0.1, on_failure=[Recovery(ROCK, SHRUG)]).wait(timeout=5) is Outcome.RESOLVED
     ladder = [Recovery(None, SHRUG), Recovery(ROCK, HIGHER, maximum=1)]
     assert user.command(MOVE, 0.1, on_failure=ladder).wait(timeout=5) is Outcome.RESOLVED
@@ -115,8 +111,7 @@ def test_exception_handlers_travel_with_the_task_and_can_be_removed(robot: tuple
     assert them.said == ["move 0.1", "shrug", *attempts, "move 0.1"]
 
 
-def test_a_running_task_is_suspended_and_goes_on_and_what_follows_waits(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
+def test_a_running_task_is_suspended_and_goes_on_and_what_follows_waits(them: Robot, user: Client) -> None:
     resting = user.command(REST)
     moving = user.command(MOVE, 0.5)
     them.held.acquire(timeout=5)
@@ -132,8 +127,7 @@ def test_a_running_task_is_suspended_and_goes_on_and_what_follows_waits(robot: t
     assert them.said == ["suspended", "move 0.5"]
 
 
-def test_deadlines_delays_and_kills_that_wait(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
+def test_deadlines_delays_and_kills_that_wait(them: Robot, user: Client) -> None:
     late = user.command(REST, deadline=0.02, on_failure=[Recovery(None, SHRUG)])
     assert them.shrugged.acquire(timeout=5)
     them.go_on.release()
@@ -148,8 +142,7 @@ def test_deadlines_delays_and_kills_that_wait(robot: tuple[Robot, Client]) -> No
     assert doomed.wait(timeout=5) is Outcome.KILLED
 
 
-def test_what_is_to_be_done_on_termination(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
+def test_what_is_to_be_done_on_termination(them: Robot, user: Client) -> None:
     resting = user.command(REST)
     them.held.acquire(timeout=5)
     resting.on_termination(MOVE, 0.9)
@@ -159,8 +152,7 @@ def test_what_is_to_be_done_on_termination(robot: tuple[Robot, Client]) -> None:
     assert them.said == ["cancelled", "move 0.9"]
 
 
-def test_a_wiretap_hears_what_others_send_and_is_removed(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
+def test_a_wiretap_hears_what_others_send_and_is_removed(them: Robot, user: Client) -> None:
     note = Command("note", float)
     watcher = Module("watcher", central=them.legs.central)
 
@@ -179,8 +171,7 @@ def test_a_wiretap_hears_what_others_send_and_is_removed(robot: tuple[Robot, Cli
     assert them.said == ["before handling move 0.5", "move 0.5", "move 0.6"]
 
 
-def test_monitors_of_all_kinds(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
+def test_monitors_of_all_kinds(them: Robot, user: Client) -> None:
     acted = threading.Semaphore(0)
     seen: Query[None, float | None] = Query("seen", reply=float | None)
     act, look = Command("act", float), Command("look")
@@ -234,8 +225,7 @@ def test_a_wiretap_calls_at_once_for_what_is_past_and_once(central: LocalCentral
             user.tap(Condition.AFTER_ACHIEVED, moves[0], Inform("its height", float), at_once=True)
 
 
-def test_monitors_listen_to_wiretaps(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
+def test_monitors_listen_to_wiretaps(them: Robot, user: Client) -> None:
     asked = threading.Semaphore(0)
     eye = Module("eye", central=them.legs.central)
 
@@ -280,8 +270,7 @@ def walking(central: LocalCentral) -> Iterator[None]:
         yield
 
 
-def test_relatives_of_a_task(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
+def test_relatives_of_a_task(them: Robot, user: Client) -> None:
     central = them.legs.central
     assert isinstance(central, LocalCentral)
     with walking(central):
@@ -302,9 +291,8 @@ def test_relatives_of_a_task(robot: tuple[Robot, Client]) -> None:
         assert waiting.info() is None
 
 
-def test_point_monitors_stand_in_blocks_like_tasks(robot: tuple[Robot, Client]) -> None:
+def test_point_monitors_stand_in_blocks_like_tasks(them: Robot, user: Client) -> None:
     """In parallel they wait for nothing; in a sequence what follows waits for them."""
-    them, user = robot
     central = them.legs.central
     planner = Module("planner", central=central)
     asked = threading.Semaphore(0)

@@ -17,9 +17,9 @@ def end() -> threading.Event:
     return threading.Event()
 
 
-@pytest.fixture
-def robot(end: threading.Event) -> Iterator[LocalCentral]:
-    module = Module("robot", capacity=3)
+@pytest.fixture(autouse=True)
+def _robot(central: LocalCentral, end: threading.Event) -> Iterator[None]:
+    module = Module("robot", central, capacity=3)
     module.handles(QUICK)(lambda _: None)
 
     @module.handles(SLOW)
@@ -30,17 +30,9 @@ def robot(end: threading.Event) -> Iterator[LocalCentral]:
     def fails(_: Task) -> None:
         raise ValueError("a slip")
 
-    with LocalCentral() as central:
-        module.central = central
-        with module.running():
-            yield central
-            end.set()
-
-
-@pytest.fixture
-def user(robot: LocalCentral) -> Iterator[Client]:
-    with connect("user", robot) as user:
-        yield user
+    with module.running():
+        yield
+        end.set()
 
 
 def test_the_first_to_end_is_given(user: Client, end: threading.Event) -> None:
@@ -67,17 +59,17 @@ def test_the_wait_ends_after_its_timeout_or_when_it_is_told_to(user: Client) -> 
     assert next(answers, "all asked") == "all asked"
 
 
-def test_a_silent_central_ends_the_wait(robot: LocalCentral) -> None:
-    user = connect("hasty", robot, 0.3, linger=0.1)
+def test_a_silent_central_ends_the_wait(central: LocalCentral) -> None:
+    user = connect("hasty", central, 0.3, linger=0.1)
     slow = user.command(SLOW)
     assert slow.id
-    robot.close()
+    central.close()
     with pytest.raises(CentralLost, match=r"does not answer: .* the wait for slow \{1\} is given up"):
         wait_for_any([slow], until=lambda: False)
 
 
-def test_what_cannot_be_waited_for_together(user: Client, robot: LocalCentral) -> None:
+def test_what_cannot_be_waited_for_together(user: Client, central: LocalCentral) -> None:
     with pytest.raises(MisuseError, match="needs a list of tasks"):
         wait_for_any([])
-    with connect("other", robot) as other, pytest.raises(MisuseError, match="those of one client"):
+    with connect("other", central) as other, pytest.raises(MisuseError, match="those of one client"):
         wait_for_any([user.command(QUICK), other.command(QUICK)])

@@ -1,12 +1,11 @@
 """The picture; and the whole thing with real processes."""
 
 import re
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
+from processes import run
 
 from robots.office_sim.drawing import draw, in_words
 from robots.office_sim.vocabulary import CupState
@@ -42,8 +41,7 @@ def test_the_picture_shows_what_became_of_the_cups() -> None:
 
 @pytest.mark.slow
 def test_a_shift_is_shown(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "robots.office_sim", "--shift", "45", "--pace", "25", "--out", str(tmp_path)]
-    shown = subprocess.run(command, text=True, capture_output=True, timeout=120, check=False)
+    shown = run("-m", "robots.office_sim", "--shift", "45", "--pace", "25", "--out", str(tmp_path))
     assert (shown.returncode, shown.stderr) == (0, "")
     last = dict(re.findall(r"s  (cup \d+) (.*)\n", shown.stdout))
     collected, taken = (list(last.values()).count(f"is {end}") for end in ("in the bin", "taken by somebody"))

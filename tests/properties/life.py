@@ -1,10 +1,11 @@
 """Random lives: numbers become things that a module could do now."""
 
 import random
-from typing import Any
+from typing import Any, Self
 
 from central.player import ANY, Player, before, point
 from hypothesis import strategies as st
+from sampling import lives
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId
@@ -39,6 +40,8 @@ OPERATIONS = ["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + [
     "keep", "keep", "release", "lock", "lock", "unclaim", "unclaim", "unlock", "unregister", "fetch",
 ]  # fmt: skip
 operation = st.tuples(st.sampled_from(OPERATIONS), small, small, small, small)
+operations = st.lists(operation, max_size=lives(60, soak=200))
+Operations = list[tuple[str, int, int, int, int]]
 BEGINNING = ("send", "fire", "monitor", "set", "tap", "attach", "suspend", "constrain")
 CROWDED, CONNECTIONS, ASIDES = 50, 20, 40
 """So much may be to be done in a long life, by so many, with so many exception handlers and wiretaps."""
@@ -82,6 +85,11 @@ class Life:
         """The deliveries of a message that goes to many."""
         sent = {fact.id for fact in self.player.facts(Received) if fact.message == message}
         return {fact.id for fact in self.player.facts(Delivered) if fact.message_id in sent}
+
+    def live(self, operations: Operations) -> Self:
+        for name, *numbers in operations:
+            self.do(name, *numbers)
+        return self
 
     def go_on(self, seed: int, events: int) -> None:
         """A long life: so many events more. Where it gets crowded more is finished than begun."""
@@ -164,7 +172,7 @@ class Life:
 
     def request(self, header: type, *fields: Any, **options: Any) -> None:
         """Something that only the user asks for."""
-        self.player.receive("user", header(self.player.number("user"), *fields, **options), b"\x08")
+        self.player.request("user", header, *fields, body=b"\x08", **options)
 
     def task(self, a: int) -> TaskId | None:
         """A living task, or now and then what may have been one."""
@@ -205,7 +213,7 @@ class Life:
             path = list(trouble_of(handler).failing.lineage())
             task = TaskId(path[c % len(path)].id) if d % 4 else task  # what it may retry
         if task:
-            self.player.receive(name, headers.Retry(self.player.number(name), task, b % 2 == 0), b"\x08")
+            self.player.request(name, headers.Retry, task, b % 2 == 0, body=b"\x08")
 
     def suspend_(self, a: int, b: int, *_: int) -> None:
         if task := self.task(a):
@@ -279,15 +287,13 @@ class Life:
         tasks, names = [*self.central.tree.tasks, *self.central.memory.kept], self.connections()
         if tasks:
             name = names[b % len(names)]
-            header = headers.Keep(self.player.number(name), TaskId(tasks[a % len(tasks)]))
-            self.player.receive(name, header)
+            self.player.request(name, headers.Keep, TaskId(tasks[a % len(tasks)]))
 
     def release_(self, a: int, b: int, *_: int) -> None:
         names = self.connections()
         name = names[b % len(names)]
         keeps = list(self.central.registry.connections[ConnectionId(name.encode())].module.keeps) or [TaskId(1)]
-        header = headers.Keep(self.player.number(name), TaskId(keeps[a % len(keeps)]), release=True)
-        self.player.receive(name, header)
+        self.player.request(name, headers.Keep, TaskId(keeps[a % len(keeps)]), release=True)
 
     def pass_(self, a: int, *_: int) -> None:
         self.player.tick(a % 10)
@@ -297,13 +303,13 @@ class Life:
         if tasks:
             one, other = tasks[a % len(tasks)], tasks[b % len(tasks)]
             wanted = before(point(one, list(Moment)[c % 6]), point(other, list(Moment)[d % 6]), self.seconds(a % 4))
-            self.player.receive("user", headers.Constrain(self.player.number("user"), [wanted]))
+            self.player.request("user", headers.Constrain, [wanted])
 
     def wait_(self, a: int, b: int, c: int, d: int) -> None:
         tasks = list(self.central.tree.tasks)
         if tasks:
             where = point(tasks[a % len(tasks)], list(Moment)[b % 6])
-            self.player.receive("user", headers.AwaitPoint(self.player.number("user"), where))
+            self.player.request("user", headers.AwaitPoint, where)
 
     def set_(self, a: int, b: int, c: int, *_: int) -> None:
         senders = self.connections()
@@ -311,13 +317,13 @@ class Life:
         if c % 4:
             self.player.set_variable(sender, "mode", b, swap=c % 2 == 0)
         else:
-            self.player.receive(sender, headers.GetVariable(self.player.number(sender), "mode"))
+            self.player.request(sender, headers.GetVariable, "mode")
 
     def await_(self, a: int, b: int, c: int, *_: int) -> None:
         names = [self.messages[number % len(self.messages)].split(" ", 1)[1] for number in (a, b)]
         senders = self.connections()
         sender = senders[c % len(senders)]
-        self.player.receive(sender, headers.WaitUntilHandled(self.player.number(sender), names))
+        self.player.request(sender, headers.WaitUntilHandled, names)
 
     def give_up_(self, a: int, *_: int) -> None:
         self.player.receive("user", headers.GiveUp(1 + a % self.player.numbers["user"]))
@@ -372,8 +378,7 @@ class Life:
         if handling := [module for module in self.central.registry.modules.values() if module.handlers]:
             module = handling[a % len(handling)]
             messages, name = list(module.handlers), next(iter(module.connections.values())).id.decode()
-            header = headers.Unregister(self.player.number(name), [messages[b % len(messages)]])
-            self.player.receive(name, header)
+            self.player.request(name, headers.Unregister, [messages[b % len(messages)]])
 
     def join_(self, a: int, *_: int) -> None:
         self.join(list(self.modules)[a % len(self.modules)])

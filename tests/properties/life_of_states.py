@@ -58,7 +58,7 @@ class LifeOfStates(Life):
         self.asked: Asked | None = None
         super().__init__(player)
         self.observing = player.numbers["user"] + 1
-        player.receive("user", Observe(player.number("user")))
+        player.request("user", Observe)
 
     @staticmethod
     def life_cycle(message: str) -> LifeCycle | None:
@@ -72,7 +72,7 @@ class LifeOfStates(Life):
         self.player.hello(name)
         messages = [self.player.declared(words) for words in self.modules[module]]
         handlers = [HandlerFormat(one.name, name, **self.wishes_of(one)) for one in messages]
-        self.player.receive(name, headers.Register(self.player.number(name), messages, handlers))
+        self.player.request(name, headers.Register, messages, handlers)
         for slot in range(2):
             self.player.hello(f"{name}/{slot + 1}", name, name)
 

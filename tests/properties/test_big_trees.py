@@ -47,7 +47,7 @@ def test_the_kill_of_a_long_sequence_costs_its_length(scope: Scope) -> None:
         "user", "move", flags=Flags.NONE, constraints=(before(point(last, Moment.END_ACHIEVING), point(-1, START)),)
     )
     mark = len(player.entries)
-    player.receive("user", Kill(player.number("user"), TaskId(walk), scope=scope))
+    player.request("user", Kill, TaskId(walk), scope=scope)
     made = [fact for entry in player.entries[mark:] for fact in entry.facts]
     assert sum(len(fact.constraints) for fact in made if isinstance(fact, Constrained)) <= 2 * 2_000
     task = player.central.tree.tasks[TaskId(follower)]

@@ -3,8 +3,9 @@
 from central.player import point
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from properties.blocking import Blocking, Steps, waits_in
 from properties.folded import Folding
-from properties.test_deadlocks import Blocking, waits_in
+from sampling import lives
 
 from tca_central.model.deliveries import Connection, Delivery, PresenceWait
 from tca_central.model.observers import Observation
@@ -36,6 +37,7 @@ class Told(Folding, Blocking):
     def __init__(self) -> None:
         self.history = History()
         super().__init__(looks=True)
+        self.declare("user", "query missing")
 
     def compare(self) -> None:
         """What central knows of waits is what the journal tells."""
@@ -62,12 +64,11 @@ class Told(Folding, Blocking):
         elif what == "wait":
             for task in [*self.central.tree.tasks.values()][b:][:1]:
                 place = point(task.id, list(Moment)[c % 6])
-                self.receive(name, headers.AwaitPoint(self.number(name), place, origin, blocking=True, brief=brief))
+                self.request(name, headers.AwaitPoint, place, origin, blocking=True, brief=brief)
         elif what == "lock":
-            wanted = headers.Lock(self.number(name), "abc"[b % 3], "", c % 3 == 0, origin, blocking=True, brief=brief)
-            self.receive(name, wanted)
+            self.request(name, headers.Lock, "abc"[b % 3], "", c % 3 == 0, origin, blocking=True, brief=brief)
         elif what == "be there":
-            self.receive(name, headers.WaitUntilHandled(self.number(name), ["missing"], origin=origin))
+            self.request(name, headers.WaitUntilHandled, ["missing"], origin=origin)
         elif what in ("give up", "lose"):
             self.end(what, b, c)
         else:
@@ -108,18 +109,7 @@ def awaited(slot: Connection, number: int) -> int:
     return int(due.task_id if isinstance(due, TaskWait | Observation) else due.id)
 
 
-def blocking(taken: list[tuple[str, int, int, int]]) -> Told:
-    """The life of such handlers."""
-    life = Told()
-    life.hello("operator")
-    life.declare("user", "query missing")
-    for step in taken:
-        life.do(*step)
-        life.tick(1.0)
-    return life
-
-
 @given(steps)
-@settings(max_examples=130)
-def test_the_journal_says_who_waits(taken: list[tuple[str, int, int, int]]) -> None:
-    blocking(taken)
+@settings(max_examples=lives(45, soak=2_000))
+def test_the_journal_says_who_waits(taken: Steps) -> None:
+    Told().live(taken)

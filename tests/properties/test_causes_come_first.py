@@ -5,12 +5,12 @@ failed later; in stories, in chains of failures, and in what is said to have bec
 import re
 from math import inf
 
-import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
+from properties.blocking import Steps
 from properties.folded import FoldedPlayer
-from properties.life import Life, operation
+from properties.life import Life, Operations, operations
 from properties.test_blocked_is_told import Told, steps
+from sampling import lives
 
 from tca_tools.analysis.failures import failures
 from tca_tools.explain.story import story
@@ -87,39 +87,16 @@ def _assert_told(run: Run, failed: Failing, time: float) -> None:
         assert isinstance(failed, Handling) or not failed.was("dropped", time), told
 
 
-@given(st.lists(operation, max_size=50))
-@settings(max_examples=38)
-def test_no_cause_comes_later_than_its_effect(operations: list[tuple[str, int, int, int, int]]) -> None:
+@given(operations)
+@settings(max_examples=lives(38, soak=300))
+def test_no_cause_comes_later_than_its_effect(taken: Operations) -> None:
     player = FoldedPlayer()
-    life = Life(player)
-    for name, *numbers in operations:
-        life.do(name, *numbers)
+    Life(player).live(taken)
     assert_causes_come_first(player.history, player.entries)
 
 
 @given(steps)
-@settings(max_examples=30)
-def test_nor_of_handlers_that_block(taken: list[tuple[str, int, int, int]]) -> None:
-    life = Told()
-    life.hello("operator")
-    life.declare("user", "query missing")
-    for step in taken:
-        life.do(*step)
-        life.tick(1.0)
+@settings(max_examples=lives(30, soak=2_000))
+def test_nor_of_handlers_that_block(taken: Steps) -> None:
+    life = Told().live(taken)
     assert_causes_come_first(life.history, life.entries)
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=150)
-def test_nor_in_many_lives(seed: int) -> None:
-    player = FoldedPlayer()
-    Life(player).go_on(seed, 300)
-    assert_causes_come_first(player.history, player.entries)
-
-
-@pytest.mark.soak
-@given(steps)
-@settings(max_examples=2_000)
-def test_nor_of_many_handlers_that_block(taken: list[tuple[str, int, int, int]]) -> None:
-    test_nor_of_handlers_that_block.hypothesis.inner_test(taken)  # type: ignore[attr-defined]

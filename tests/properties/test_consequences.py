@@ -11,7 +11,8 @@ import pytest
 from central.player import Player, before, point
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from properties.test_deadlocks import Blocking, free_handlers
+from properties.blocking import Blocking, Steps, free_handlers
+from sampling import lives
 
 from tca_central.core import Central
 from tca_central.events import Effect
@@ -62,9 +63,8 @@ class Life(Blocking):
         self.events: list[object] = []
         super().__init__(looks=False)
         self.check = False
-        self.hello("operator")
         self.declare("user", "command later", "query never")
-        self.receive("user", headers.Attach(self.number("user"), Attachment("", "recover", 2), ROOT))
+        self.request("user", headers.Attach, Attachment("", "recover", 2), ROOT)
 
     def event(self, event: object) -> list[Effect]:
         self.events.append(event)
@@ -95,7 +95,7 @@ class Life(Blocking):
         elif what == "fail" and delivery:
             self.fail(who, "slipped", origin)
         elif what == "retry" and tasks:
-            self.receive("operator", headers.Retry(self.number("operator"), TaskId(tasks[b % len(tasks)].id)), b"\x08")
+            self.request("operator", headers.Retry, TaskId(tasks[b % len(tasks)].id), body=b"\x08")
         elif what == "give up":
             self._release(b)
         elif what == "lose":
@@ -103,8 +103,7 @@ class Life(Blocking):
             if slots and c % 4 == 0:
                 self.lose(slots[b % len(slots)].id.decode())
         elif what == "lock":
-            wanted = headers.Lock(self.number(who), "abd"[b % 3], "", c % 3 == 0, origin, blocking=True)
-            self.receive(who, wanted)
+            self.request(who, headers.Lock, "abd"[b % 3], "", c % 3 == 0, origin, blocking=True)
         else:
             super().do(what, a, b, c)
 
@@ -163,7 +162,7 @@ class Again(Player):
             self.take(self.at.run.messages[end.number].name)
         elif end.kind is WaitKind.RESUME:
             assert self.central.tree.tasks[TaskId(end.number)].suspended, f"{end} is not suspended"
-            self.receive("operator", headers.Suspend(self.number("operator"), TaskId(end.number), resume=True))
+            self.request("operator", headers.Suspend, TaskId(end.number), resume=True)
         elif end.kind is WaitKind.DELAY:
             self.tick(LONG)
         else:
@@ -216,24 +215,6 @@ def may_be_released(central: Central) -> list[ModuleClaim]:
 # --- what is done ----------------------------------------------------------------------------------------------------
 
 
-def check(taken: list[tuple[str, int, int, int]]) -> None:
-    life = Life()
-    for step in taken:
-        life.do(*step)
-    at = Again(life).at
-    waiting: dict[tuple[End, ...], list[Node]] = {}
-    for task in life.central.tree.tasks.values():
-        for moment in Moment:
-            if not task.reached & moment:
-                node = Node(task.id, moment)
-                waiting.setdefault(Ends.at(at).of_node(node), []).append(node)
-    for ends, nodes in waiting.items():
-        if len(ends) <= MOST and all(end.kind is not WaitKind.CONDITION for end in ends):
-            nothing_else_helps(life, ends, nodes)
-            for node in dict.fromkeys((nodes[0], nodes[-1])):
-                what_is_named_helps(life, node)
-
-
 def nothing_else_helps(life: Life, ends: tuple[End, ...], nodes: list[Node]) -> None:
     again, named = Again(life), {end.number for end in ends}
     circles, killed = Ends.at(again.at), len(again.facts(Killed))
@@ -257,7 +238,7 @@ def rest(again: Again, ends: tuple[End, ...], named: set[int]) -> Iterator[objec
             yield claim
     if WaitKind.RESUME not in kinds:
         for task in [one for one in central.tree.tasks.values() if one.suspended]:
-            again.receive("operator", headers.Suspend(again.number("operator"), TaskId(task.id), resume=True))
+            again.request("operator", headers.Suspend, TaskId(task.id), resume=True)
             yield f"{task} resumed"
     if WaitKind.HANDLER not in kinds:
         for name in ("later", "never"):
@@ -305,13 +286,20 @@ def what_is_named_helps(life: Life, node: Node) -> None:
 )  # or who has a lock is handled again
 @example([("send", 0, 0, 0)] + [("send", 0, 1, 0)] * 3 + [("fail", 0, 0, 0)])  # or its failure is dealt with
 @given(steps)
-@settings(max_examples=30)
-def test_what_is_named_is_what_is_waited_for(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)
-
-
-@pytest.mark.soak
-@given(steps)
-@settings(max_examples=5_000)
-def test_the_same_in_many_lives(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)
+@settings(max_examples=lives(30, soak=5_000))
+def test_what_is_named_is_what_is_waited_for(taken: Steps) -> None:
+    life = Life()
+    for step in taken:
+        life.do(*step)
+    at = Again(life).at
+    waiting: dict[tuple[End, ...], list[Node]] = {}
+    for task in life.central.tree.tasks.values():
+        for moment in Moment:
+            if not task.reached & moment:
+                node = Node(task.id, moment)
+                waiting.setdefault(Ends.at(at).of_node(node), []).append(node)
+    for ends, nodes in waiting.items():
+        if len(ends) <= MOST and all(end.kind is not WaitKind.CONDITION for end in ends):
+            nothing_else_helps(life, ends, nodes)
+            for node in dict.fromkeys((nodes[0], nodes[-1])):
+                what_is_named_helps(life, node)

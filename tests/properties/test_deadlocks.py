@@ -5,30 +5,17 @@ the first refusal, everything that can go on does: whoever was refused must wait
 little at a time that its searches go on while everything changes.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 
-import pytest
-from central.player import Player, before, point
+from central.player import Player
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from properties.blocking import Blocking, Steps
+from sampling import lives
 
-from tca_central.core import Central
 from tca_central.deadlock import deadlocks
-from tca_central.model.deliveries import Connection, Delivery
-from tca_central.model.observers import Observation
-from tca_central.model.tasks import Task
-from tca_wire.constraints import Flags
-from tca_wire.journal.facts import RequestRefused
 from tca_wire.packets import headers
-from tca_wire.packets.changes import Observe
-from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Refusal
-
-HANDLED = {"a": ("goal walk", "query where"), "b": ("command move", "query look"), "c": ("goal step", "query pose")}
-DELAYED = Flags.DELAY_PLANNING | Flags.SEQ_ACH
-COROUTINES = "c"
-"""The module whose handlers may wait for several answers at a time."""
 
 numbers = st.integers(0, 50)
 steps = st.lists(
@@ -37,177 +24,26 @@ steps = st.lists(
 )  # fmt: skip
 
 
-class Blocking(Player):
-    """Modules whose handlers do nothing while they wait."""
-
-    handled: Mapping[str, tuple[str, ...]] = HANDLED
-
-    def __init__(self, *, looks: bool) -> None:
-        super().__init__()
-        self.central.look_after = 0.25 if looks else 0
-        self.module("user")
-        self.declare("user", *(message for handled in self.handled.values() for message in handled))
-        for index, (name, handled) in enumerate(self.handled.items()):
-            self.module(name, *handled, capacity=1 + index % 2, pool="")
-
-    @property
-    def refused(self) -> list[RequestRefused]:
-        return [fact for fact in self.facts(RequestRefused) if fact.refusal is Refusal.DEADLOCK]
-
-    def free(self) -> list[Delivery]:
-        return free_handlers(self.central)
-
-    def do(self, what: str, a: int, b: int, c: int) -> None:
-        """One handler, or the user, does something."""
-        free, tasks = self.free(), [*self.central.tree.tasks.values()]
-        delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
-        who = delivery.slot.id.decode() if delivery and delivery.slot else "user"
-        origin = delivery.given_as if delivery else 0
-        if who == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
-            return
-        task = tasks[b % len(tasks)] if tasks else None
-        if what == "return" and delivery:
-            self.reply(who, origin)
-        elif what == "send":
-            names = ("walk", "move", "step")
-            parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
-            flags = (Flags.NONE, Flags.SEQ_ACH, DELAYED, Flags.PLAN_FIRST)[c % 4]
-            constraints = (before(point(task.id, list(Moment)[c % 6]), point(-1, list(Moment)[a % 6])),) if task else ()
-            self.send(who, names[b % 3], under=parent, flags=flags, constraints=constraints * (c % 5 == 0))
-        elif what == "ask":
-            blocks = self.blocks(delivery)
-            self.send(who, ("where", "look", "pose")[b % 3], origin=origin, blocking=blocks)
-        elif what == "wait" and task:
-            blocks = self.blocks(delivery)
-            header = headers.AwaitPoint(self.number(who), point(task.id, list(Moment)[c % 6]), origin, blocking=blocks)
-            self.receive(who, header)
-        elif what in ("follow", "any") and tasks:
-            followed = [tasks[b % len(tasks)], tasks[c % len(tasks)]][: 1 + a % 2]
-            self._wait_for(who, delivery, followed, what, is_below=c % 3 == 0)
-        elif what in ("await", "give up"):
-            self._await(what, b, c)
-        elif what == "lock":
-            resource, reserve = ("a", "b", "c")[b % 3], c % 2 == 0
-            self.receive(who, headers.Lock(self.number(who), resource, "", reserve, origin, blocking=True))
-        else:
-            self._steer(what, a, b, c)
-
-    def _await(self, what: str, b: int, c: int) -> None:
-        """A coroutine asks some more and awaits what comes first; or its timeout is over, and one answer less is awaited."""
-        coroutines = [one for one in self.central.dispatcher.running.values() if is_coroutine(one)]
-        if not coroutines:
-            return
-        delivery = coroutines[b % len(coroutines)]
-        assert delivery.slot
-        who, waits = delivery.slot.id.decode(), delivery.slot.waits
-        if what == "give up":
-            for number in [number for number, wait in waits.items() if wait.is_coroutine][:1]:
-                self.receive(who, headers.GiveUp(number))
-        elif not waits_in(delivery.slot, delivery):
-            for name in ("where", "look", "pose")[b % 3 :][: 1 + c % 2]:
-                self.send(who, name, origin=delivery.given_as)
-            asked = [number for number in delivery.slot.outstanding if number not in waits]
-            self.receive(who, headers.AwaitAny(delivery.given_as, asked[-1 - c % 3 :]))
-
-    def _wait_for(self, who: str, by: Delivery | None, tasks: list[Task], what: str, *, is_below: bool) -> None:
-        """A wait for the first news of tasks, or of what is under them; or for the first to end."""
-        asked, origin = [], by.given_as if by else 0
-        for task in tasks:
-            number, place = self.number(who), point(task.id, Moment.END_ACHIEVING)
-            about = (TaskId(0), "", task.id) if is_below else (TaskId(task.id), "", TaskId(0))
-            following = Observe(number, *about, origin=origin)
-            self.receive(who, following if what == "follow" else headers.AwaitPoint(number, place, origin))
-            asked.append(number)
-        outstanding = self.central.registry.connections[who.encode()].outstanding  # type: ignore[index]
-        seen = sum(one.told for number in asked if isinstance(one := outstanding[number], Observation))
-        self.receive(who, headers.Await(asked[0], self.blocks(by), origin, asked[1:], seen=seen))
-
-    def blocks(self, by: Delivery | None) -> bool:
-        """Whether the thread of a handler waits with it."""
-        return by is None or not is_coroutine(by)
-
-    def _steer(self, what: str, a: int, b: int, c: int) -> None:
-        """The operator does something; he never waits."""
-        tasks = [TaskId(task) for task in self.central.tree.tasks]
-        if not tasks:
-            return
-        one, other = tasks[a % len(tasks)], tasks[b % len(tasks)]
-        header: object = headers.Kill(self.number("operator"), one)
-        if what == "constrain":
-            wanted = before(point(one, list(Moment)[b % 6]), point(other, list(Moment)[c % 6]))
-            header = headers.Constrain(self.number("operator"), [wanted])
-        elif what == "suspend":
-            header = headers.Suspend(self.number("operator"), one, c % 2 == 0)
-        elif what != "kill":
-            return
-        self.receive("operator", header)
-
-    def go_on(self) -> None:
-        """Everything that can go on does, until nothing can."""
-        for _ in range(1000):
-            for task in [task for task in self.central.tree.tasks.values() if task.suspended]:
-                self.receive("operator", headers.Suspend(self.number("operator"), TaskId(task.id), resume=True))
-            self.tick(1.0)
-            free = self.free()
-            for claim in list(self.central.claims.values()):  # whoever can will release what he has
-                if claim.is_granted and (claim.holder in free or not (claim.holder or claim.slot.waits)):
-                    self.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))
-            if not (free := self.free()):
-                return
-            assert free[0].slot
-            self.reply(free[0].slot.id.decode(), free[0].given_as)
-
-
-def is_coroutine(delivery: Delivery) -> bool:
-    return delivery.slot is not None and delivery.slot.module.name == COROUTINES
-
-
-def free_handlers(central: Central) -> list[Delivery]:
-    """What is handled by a handler that waits for nothing: the newest of its slot, and every coroutine."""
-    attended = central.dispatcher.running.values()
-    newest = {delivery.slot: delivery for delivery in attended}
-    may_go_on = [one for one in attended if is_coroutine(one) or newest[one.slot] is one]
-    return [one for one in may_go_on if one.slot and not waits_in(one.slot, one)]
-
-
-def waits_in(slot: Connection, delivery: Delivery) -> bool:
-    """Whether a handler waits: for an answer that its thread blocks for, or a coroutine for one of several."""
-    return any(
-        wait.origin == delivery.given_as if wait.is_coroutine else wait.since > slot.handling[delivery]
-        for wait in slot.waits.values()
-    )
-
-
 CALLED_BACK = [("send", 0, 44, 0), ("ask", 0, 44, 0), ("lock", 1, 2, 1), ("await", 0, 32, 0)]
 """A coroutine asks its own resource something, which a handler nested in it has locked."""
 
 
 @given(steps)
 @example(CALLED_BACK)
-@settings(max_examples=45)
-def test_what_is_called_a_deadlock_would_never_have_ended(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)
-
-
-@pytest.mark.soak
-@given(steps)
-@settings(max_examples=5_000)
-def test_many_lives(taken: list[tuple[str, int, int, int]]) -> None:
+@settings(max_examples=lives(45, soak=5_000))
+def test_what_is_called_a_deadlock_would_never_have_ended(taken: Steps) -> None:
     check(taken)
 
 
 @given(steps, st.integers(1, 6))
-@settings(max_examples=65)
-def test_a_search_that_is_interrupted_by_events_finds_the_same(
-    taken: list[tuple[str, int, int, int]], few: int
-) -> None:
+@settings(max_examples=lives(40, soak=5_000))
+def test_a_search_that_is_interrupted_by_events_finds_the_same(taken: Steps, few: int) -> None:
     with looks_at(few):
         check(taken)
 
 
 def test_a_look_at_a_lock_that_is_over_meanwhile_comes_to_an_end() -> None:
     player = Blocking(looks=True)
-    player.hello("operator")
     with looks_at(1):
         for _ in range(2):
             player.do("send", 0, 0, 0)
@@ -221,14 +57,6 @@ def test_a_look_at_a_lock_that_is_over_meanwhile_comes_to_an_end() -> None:
         assert player.central.scan is not None
         player.receive(who, headers.GiveUp(number))
         look_to_the_end(player)
-
-
-@pytest.mark.soak
-@given(steps, st.integers(1, 6))
-@settings(max_examples=5_000)
-def test_many_lives_with_interrupted_searches(taken: list[tuple[str, int, int, int]], few: int) -> None:
-    with looks_at(few):
-        check(taken)
 
 
 @contextmanager
@@ -251,10 +79,8 @@ def look_to_the_end(player: Player) -> None:
     raise AssertionError("central never stops to look")
 
 
-def check(taken: list[tuple[str, int, int, int]]) -> None:
+def check(taken: Steps) -> None:
     looking, blind = Blocking(looks=True), Blocking(looks=False)
-    for player in (looking, blind):
-        player.hello("operator")
     for index, step in enumerate(taken):
         looking.do(*step)
         if not looking.refused:
@@ -264,7 +90,6 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
         if looking.refused or any(fact.failure == "deadlock" for fact in looking.facts_of("failed")):
             still = all_waits(looking)
             before = Blocking(looks=False)  # what was due to be looked at came first in this event
-            before.hello("operator")
             for earlier in taken[:index]:
                 before.do(*earlier)
                 before.time += 1.0

@@ -2,12 +2,12 @@
 nothing is left. No wait for ever is overlooked, whoever keeps what others need, and what makes a robot safe gets in.
 """
 
-import pytest
 from central.player import Player, point
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from properties.blocking import HANDLED, Blocking, Steps, free_handlers
 from properties.life import Life
-from properties.test_deadlocks import HANDLED, Blocking, free_handlers
+from sampling import lives
 
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
@@ -31,7 +31,6 @@ class Troubled(Blocking):
 
     def __init__(self) -> None:
         super().__init__(looks=True)
-        self.hello("operator")
         self.declare("operator", "command park", "command move", "goal step")
 
     def do(self, what: str, a: int, b: int, c: int) -> None:
@@ -44,21 +43,21 @@ class Troubled(Blocking):
                 is_reissued = who.role is Role.EXCEPTION and b % 2 == 0
                 self.fail(who.slot.id.decode(), FAILURES[c % 3], who.given_as, reissue=is_reissued)
             case "raise" if task:
-                self.receive("operator", headers.Raise(self.number("operator"), task, FAILURES[c % 3]))
+                self.request("operator", headers.Raise, task, FAILURES[c % 3])
             case "retry" if task:
-                self.receive("operator", headers.Retry(self.number("operator"), task))
+                self.request("operator", headers.Retry, task)
             case "parting" if task:
                 self.send("operator", ("move", "park", "step")[c % 3], under=task, when_killed=True)
             case "attach":
                 attachment = Attachment(FAILURES[a % 4], ("mend", "save")[c % 2], c % 3)
                 where = TaskId(0) if b % 3 == 0 else task
-                self.receive("operator", headers.Attach(self.number("operator"), attachment, where))
+                self.request("operator", headers.Attach, attachment, where)
             case "deadline" if task:
                 at = point(task, list(Moment)[c % 6])
-                self.receive("operator", headers.Deadline(self.number("operator"), at, a))
+                self.request("operator", headers.Deadline, at, a)
             case "kill others" if task:
                 scope = (Scope.DESCENDANTS, Scope.SIBLINGS)[c % 2]
-                self.receive("operator", headers.Kill(self.number("operator"), task, "", scope))
+                self.request("operator", headers.Kill, task, "", scope)
             case "tap":
                 self.tap(task if b % 3 == 0 else TaskId(0), ("move", "walk", "step", "mend")[a % 4], b, c)
             case _:
@@ -68,7 +67,7 @@ class Troubled(Blocking):
         """The operator has something checked, by whoever blocks, too; what waits already as well."""
         condition = (Condition.BEFORE_HANDLING, Condition.BEFORE_HANDLING, Condition.BEFORE_ACHIEVING)[b % 3]
         message, listener = "" if task else message, ("park", "move", "step")[c % 3]
-        self.receive("operator", headers.Tap(self.number("operator"), condition, listener, message, task))
+        self.request("operator", headers.Tap, condition, listener, message, task)
 
 
 class Mixed(Life):
@@ -94,9 +93,9 @@ def come_to_an_end(player: Player) -> None:
     while quiet < QUIET and rounds < ROUNDS:
         for task in list(central.tree.tasks.values()):
             if task.suspended:
-                player.receive("user", headers.Suspend(player.number("user"), TaskId(task.id), resume=True))
+                player.request("user", headers.Suspend, TaskId(task.id), resume=True)
             if task.message.message_class.is_monitor:
-                player.receive("user", headers.EndMonitor(player.number("user"), TaskId(task.id)))
+                player.request("user", headers.EndMonitor, TaskId(task.id))
         for claim in list(central.claims.values()):
             if claim.holder is None and not claim.slot.waits:
                 player.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))
@@ -112,44 +111,20 @@ def come_to_an_end(player: Player) -> None:
     assert rounds < ROUNDS, "there is no end"
 
 
-def check(taken: list[tuple[str, int, int, int]]) -> None:
-    life = Troubled()
-    for step in taken:
-        life.do(*step)
-        life.tick(1.0)
-    come_to_an_end(life)
-
-
 KEPT_FOR_A_RETRY = [("send", 0, 0, 0), ("lock", 0, 1, 0), ("attach", 1, 0, 0), ("raise", 0, 0, 1), ("retry", 0, 0, 0)]
 """A task that is to be handled again, after its exception handler, keeps the resource of that handler."""
 
 
 @given(steps)
 @example(KEPT_FOR_A_RETRY)
-@settings(max_examples=40)
-def test_whatever_happens_everything_ends(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)
-
-
-@pytest.mark.soak
-@given(steps)
-@settings(max_examples=10_000)
-def test_everything_ends_in_many_lives(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)
+@settings(max_examples=lives(40, soak=10_000))
+def test_whatever_happens_everything_ends(taken: Steps) -> None:
+    come_to_an_end(Troubled().live(taken))
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=12)
+@settings(max_examples=lives(6, soak=1_000))
 def test_lives_of_all_constructs_end(seed: int) -> None:
     life = Mixed()
-    life.go_on(seed, 100)
-    life.end()
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=1_000)
-def test_many_lives_of_all_constructs_end(seed: int) -> None:
-    life = Mixed()
-    life.go_on(seed, 300)
+    life.go_on(seed, lives(100, soak=300))
     life.end()

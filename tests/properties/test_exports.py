@@ -9,7 +9,7 @@ from central.player import Player
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from properties.life import Life, operation
+from properties.life import Life, Operations, operations
 from tools.trace_reader import read_trace
 
 from tca_tools.export.mcap_file import write_mcap
@@ -20,13 +20,10 @@ from tca_tools.stats.measure import measure
 from tca_wire.journal.facts import Entry
 
 
-@given(st.lists(operation, max_size=60), st.integers(1, 5))
+@given(operations, st.integers(1, 5))
 @settings(max_examples=18)
-def test_exports_of_a_random_life(operations: list[tuple[str, int, int, int, int]], tick: int) -> None:
-    life = Life(Player(check=False))
-    for name, *numbers in operations:
-        life.do(name, *numbers)
-    check(life, tick)
+def test_exports_of_a_random_life(taken: Operations, tick: int) -> None:
+    check(Life(Player(check=False)).live(taken), tick)
 
 
 @given(st.integers(0, 1 << 32), st.integers(1, 5))

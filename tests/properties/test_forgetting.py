@@ -7,8 +7,7 @@ import pytest
 from central.player import ANY, Player, before, point, reachable
 from central.test_random_lives import end_life
 from hypothesis import example, given, settings
-from hypothesis import strategies as st
-from properties.life import Life, operation
+from properties.life import Life, Operations, operations
 
 from tca_central.control.steering import PendingDeadline, PendingKill
 from tca_central.core import Central
@@ -50,15 +49,11 @@ def held(central: Central) -> Counter[str]:
     return +found
 
 
-@given(st.lists(operation, max_size=60))
+@given(operations)
 @example([("send", 0, 0, 0, 0)] * 12 + [("lose", 1, 0, 0, 0)] * 2)  # a resource that has lost its slots
 @settings(max_examples=30)
-def test_when_everything_has_ended_central_holds_nothing_of_it(
-    operations: list[tuple[str, int, int, int, int]],
-) -> None:
-    life = Life()
-    for name, *numbers in operations:
-        life.do(name, *numbers)
+def test_when_everything_has_ended_central_holds_nothing_of_it(taken: Operations) -> None:
+    life = Life().live(taken)
     end_life(life)
     assert not held(life.central)
 
@@ -80,7 +75,7 @@ class Long:
         return point(self.task, END)
 
     def ask(self, kind: type, *fields: object) -> None:
-        answers = self.player.receive("user", kind(self.player.number("user"), *fields), b"\x07")
+        answers = self.player.request("user", kind, *fields, body=b"\x07")
         assert not any(isinstance(answer, headers.Refused) for answer in answers), answers
 
     def move(self, **options: object) -> int:

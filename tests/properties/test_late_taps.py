@@ -4,10 +4,10 @@ its listener, passes it first. In lives that are full of that the reference sche
 
 import random
 
-import pytest
 from central.test_oracle import NO_SMALLER_SEED, JudgedLife
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from sampling import lives
 
 from tca_wire.packets import headers
 from tca_wire.points import TaskId
@@ -69,13 +69,6 @@ class CheckedLife(JudgedLife):
 
 @given(st.integers(0, 1 << 32))
 @example(47066)  # an exception handler that was spared while its module leaves, and comes to wait again
-@settings(max_examples=7, phases=NO_SMALLER_SEED)
+@settings(max_examples=lives(7, soak=2_000), phases=NO_SMALLER_SEED)
 def test_the_oracle_agrees_with_central_about_wiretaps_that_come_late(seed: int) -> None:
-    CheckedLife().go_on(seed, 300)
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=2_000, phases=NO_SMALLER_SEED)
-def test_the_oracle_agrees_with_central_in_many_such_lives(seed: int) -> None:
-    CheckedLife().go_on(seed, 500)
+    CheckedLife().go_on(seed, lives(300, soak=500))

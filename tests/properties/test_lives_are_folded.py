@@ -7,7 +7,7 @@ from central.transcript import Transcript
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.folded import Folding
-from properties.life import OPERATIONS, Life, small
+from properties.life import OPERATIONS, Life, Operations, small
 from tools.runs import OPENED, TRANSCRIPTS, checked
 
 from tca_central.model.tasks import Task
@@ -73,10 +73,8 @@ class AskedLife(Life):
 
 @given(st.lists(operation, max_size=60))
 @settings(max_examples=40)
-def test_in_random_lives(operations: list[tuple[str, int, int, int, int]]) -> None:
-    life = AskedLife(LivingPlayer())
-    for name, *numbers in operations:
-        life.do(name, *numbers)
+def test_in_random_lives(taken: Operations) -> None:
+    life = AskedLife(LivingPlayer()).live(taken)
     assert checked([OPENED, *life.player.entries]) == []
     for start in range(5, len(life.player.entries), 20):
         assert checked(life.player.entries[start:]) == []

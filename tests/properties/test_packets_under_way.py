@@ -6,12 +6,12 @@ import random
 from collections import deque
 from typing import Any
 
-import pytest
 from central.player import Player
 from central.test_oracle import NO_SMALLER_SEED
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.test_prefetch import every_handler_is_quick  # noqa: F401
+from sampling import lives
 from tools.runs import OPENED, checked
 
 from tca_central.events import ConnectionId
@@ -38,7 +38,7 @@ class Worker:
     def __init__(self, town: "Town", name: str) -> None:
         self.town, self.name = town, name
         town.player.hello(name)
-        town.player.receive(name, headers.Register(town.player.number(name), [*FORMATS], HANDLERS))
+        town.player.request(name, headers.Register, [*FORMATS], HANDLERS)
         self.session = Session(
             headers.Hello(0, headers.PROTOCOL_VERSION, name, f"run of {name}", 1, "it", prefetch=self.prefetch)
         )
@@ -267,13 +267,6 @@ def live(seed: int, steps: int) -> Town:
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=15, phases=NO_SMALLER_SEED)
+@settings(max_examples=lives(15, soak=500), phases=NO_SMALLER_SEED)
 def test_what_is_recalled_is_not_begun_and_all_else_is_in_order(seed: int) -> None:
-    live(seed, 250)
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=500, phases=NO_SMALLER_SEED)
-def test_what_is_recalled_is_not_begun_in_many_lives(seed: int) -> None:
-    live(seed, 1000)
+    live(seed, lives(250, soak=1000))

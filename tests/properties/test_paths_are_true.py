@@ -6,12 +6,13 @@ import random
 from itertools import pairwise
 from math import nextafter
 
-import pytest
 from central.player import before, point
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from properties.blocking import Steps
 from properties.seen_in_facts import Facts
 from properties.test_blocked_is_told import Told
+from sampling import lives
 
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path
@@ -46,19 +47,29 @@ class Quiet(Told):
             super().do(what, a, b, c)
         elif what == "deadline" and tasks:
             place = point(tasks[a % len(tasks)], list(Moment)[b % 6])
-            self.receive("operator", headers.Deadline(self.number("operator"), place, c % 10))
+            self.request("operator", headers.Deadline, place, c % 10)
         elif tasks:
             pair = point(tasks[a % len(tasks)], list(Moment)[b % 6]), point(-1, list(Moment)[c % 6])
             self.send("operator", ("walk", "move", "step")[a % 3], constraints=(before(*pair, b % 5),))
 
 
-def check(taken: list[tuple[str, int, int, int]]) -> None:
-    life = Quiet()
-    life.hello("operator")
-    life.declare("user", "query missing")
-    for step in taken:
-        life.do(*step)
-        life.tick(1.0)
+def longer(seed: int) -> Steps:
+    """Sixty steps, all as likely as each other."""
+    dice = random.Random(seed)
+    return [(dice.choice(KINDS), dice.randrange(51), dice.randrange(51), dice.randrange(51)) for _ in range(60)]
+
+
+steps_of_lives = steps | st.integers(0, 1 << 32).map(longer)
+
+
+@example(longer(752))  # killed, but its handler does not heed it
+@example(longer(7511))  # killed before its delay is over
+@example(longer(1789))  # locks that wait for each other in a circle
+@example(longer(1027))  # a question to many is given up while a copy stands in a queue
+@given(steps_of_lives)
+@settings(max_examples=lives(45, soak=3_500))
+def test_paths_say_what_was_so(taken: Steps) -> None:
+    life = Quiet().live(taken)
     run = life.history
     seen, causes = Facts(life.entries, list(run.times)), Causes(run)
     for task in run.tasks.values():
@@ -78,29 +89,3 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
             ends = Ends.at(RunAt(run, nextafter(one.end, 0.0))).of(known.id) if known else ()
             assert all(end.kind is None for end in ends), f"{one.doing} of {task}, and its waits end somewhere\n{said}"
         assert seen.is_own_will(path.start), f"the path of {task} begins too late\n{said}"
-
-
-def longer(seed: int) -> list[tuple[str, int, int, int]]:
-    """Sixty steps, all as likely as each other."""
-    dice = random.Random(seed)
-    return [(dice.choice(KINDS), dice.randrange(51), dice.randrange(51), dice.randrange(51)) for _ in range(60)]
-
-
-lives = steps | st.integers(0, 1 << 32).map(longer)
-
-
-@example(longer(752))  # killed, but its handler does not heed it
-@example(longer(7511))  # killed before its delay is over
-@example(longer(1789))  # locks that wait for each other in a circle
-@example(longer(1027))  # a question to many is given up while a copy stands in a queue
-@given(lives)
-@settings(max_examples=45)
-def test_paths_say_what_was_so(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)
-
-
-@pytest.mark.soak
-@given(lives)
-@settings(max_examples=3_500)
-def test_many_paths_say_what_was_so(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)

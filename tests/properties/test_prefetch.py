@@ -7,7 +7,8 @@ import pytest
 from central.test_oracle import NO_SMALLER_SEED, JudgedLife, JudgedPlayer
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from properties.life import operation
+from properties.life import Operations, operations
+from sampling import lives
 
 from dev.invariants import check_invariants
 from tca_central.core import Central
@@ -141,25 +142,16 @@ class PrefetchLife(JudgedLife):
             super().join_(a, *others)
 
 
-@given(st.lists(operation, max_size=60))
+@given(operations)
 @settings(max_examples=12)
-def test_the_oracle_sees_no_difference_in_short_lives(operations: list[tuple[str, int, int, int, int]]) -> None:
-    life = PrefetchLife()
-    for name, *numbers in operations:
-        life.do(name, *numbers)
+def test_the_oracle_sees_no_difference_in_short_lives(taken: Operations) -> None:
+    PrefetchLife().live(taken)
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=4, phases=NO_SMALLER_SEED)
+@settings(max_examples=lives(4, soak=200), phases=NO_SMALLER_SEED)
 def test_the_oracle_sees_no_difference_in_lives_of_hundreds_of_events(seed: int) -> None:
-    PrefetchLife().go_on(seed, 400)
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=200, phases=NO_SMALLER_SEED)
-def test_the_oracle_sees_no_difference_in_many_lives(seed: int) -> None:
-    PrefetchLife().go_on(seed, 2000)
+    PrefetchLife().go_on(seed, lives(400, soak=2000))
 
 
 def test_in_these_lives_messages_are_ahead_and_are_recalled_and_replies_are_joined() -> None:

@@ -4,12 +4,12 @@ monitors neither names what keeps nobody as a cause, and both name the same one 
 
 from collections.abc import Iterator
 
-import pytest
 from central.test_oracle import NO_SMALLER_SEED
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.folded import FoldedPlayer
 from properties.life import Life
+from sampling import lives
 
 from tca_central.core import Central
 from tca_central.model.tasks import Task
@@ -146,7 +146,7 @@ def live(seed: int) -> AskedPlayer:
 @example(1_065_174_457)  # retried three times, it waits once for what is under it
 @example(4_026_247_230)  # a suspended task waits beside that for its parent, a monitor, to begin
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=10, phases=NO_SMALLER_SEED)
+@settings(max_examples=lives(4, soak=2_000), phases=NO_SMALLER_SEED)
 def test_both_name_the_same_cause_and_never_what_keeps_nobody(seed: int) -> None:
     live(seed)
 
@@ -155,10 +155,3 @@ def test_such_lives_have_such_waits() -> None:
     player = live(2)
     assert player.same > 100
     assert player.spared > 100
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=2_000, phases=NO_SMALLER_SEED)
-def test_so_it_is_in_many_lives(seed: int) -> None:
-    live(seed)

@@ -6,7 +6,8 @@ import click
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.folded import FoldedPlayer
-from properties.life import Life, operation
+from properties.life import Life, Operations, operations
+from sampling import lives
 
 from tca_tools.explain.story import story
 from tca_tools.journal.at_time import RunAt
@@ -73,13 +74,11 @@ def check(player: WatchedPlayer) -> None:
             assert {number: now[number] for number in stories} == stories
 
 
-@given(st.lists(operation, max_size=50))
-@settings(max_examples=45)
-def test_the_past_is_as_it_was(operations: list[tuple[str, int, int, int, int]]) -> None:
+@given(operations)
+@settings(max_examples=lives(25, soak=300))
+def test_the_past_is_as_it_was(taken: Operations) -> None:
     player = WatchedPlayer()
-    life = Life(player)
-    for name, *numbers in operations:
-        life.do(name, *numbers)
+    Life(player).live(taken)
     check(player)
 
 

@@ -8,10 +8,11 @@ import pytest
 from central.player import ANY, before, point
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from properties.blocking import Blocking, Steps
 from properties.folded import FoldedPlayer
-from properties.life import Life, operation
-from properties.test_deadlocks import Blocking
+from properties.life import Life, Operations, operations
 from properties.test_deadlocks import steps as blocking_steps
+from sampling import lives
 
 from tca_central.core import Central
 from tca_central.model.tasks import Task
@@ -134,19 +135,17 @@ def assert_lists(history: History) -> None:
             assert {one.on for one in keeping(at, node)} <= told, (time, str(task))
 
 
-@given(st.lists(operation, max_size=50))
-@settings(max_examples=75)
-def test_what_tasks_wait_for_is_what_central_knows(operations: list[tuple[str, int, int, int, int]]) -> None:
+@given(operations)
+@settings(max_examples=lives(40, soak=500))
+def test_what_tasks_wait_for_is_what_central_knows(taken: Operations) -> None:
     player = ComparedPlayer()
-    life = Life(player)
-    for name, *numbers in operations:
-        life.do(name, *numbers)
+    Life(player).live(taken)
     assert_lists(player.history)
 
 
 @given(st.integers(0, 1 << 32))
 @example(2625034)  # a listener of a task that had returned before it was retried
-@settings(max_examples=1)
+@settings(max_examples=lives(1, soak=75))
 def test_so_it_is_in_a_long_life(seed: int) -> None:
     player = ComparedPlayer()
     Life(player).go_on(seed, 300)
@@ -154,25 +153,11 @@ def test_so_it_is_in_a_long_life(seed: int) -> None:
     assert_lists(player.history)
 
 
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=75)
-def test_and_in_many_long_lives(seed: int) -> None:
-    test_so_it_is_in_a_long_life.hypothesis.inner_test(seed)  # type: ignore[attr-defined]
-
-
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=1)
-def test_folding_the_journal_of_thousands_of_events_gives_the_live_tree(seed: int) -> None:
-    Life(LivePlayer()).go_on(seed, 2_000)
-
-
-@pytest.mark.soak
 @given(st.integers(0, 1 << 32))
 @example(122582)  # a failure is raised on a task that is to be retried, whose handler then fails
-@settings(max_examples=24)
-def test_folding_many_long_journals_gives_the_live_tree(seed: int) -> None:
-    Life(LivePlayer()).go_on(seed, 5_000)
+@settings(max_examples=lives(1, soak=24))
+def test_folding_the_journal_of_thousands_of_events_gives_the_live_tree(seed: int) -> None:
+    Life(LivePlayer()).go_on(seed, lives(1_000, soak=5_000))
 
 
 def assert_tree(central: Central, history: History) -> None:
@@ -202,7 +187,7 @@ def test_a_retried_task_waits_under_a_new_number() -> None:
     player.declare("user", "command move")
     first = player.task("user", "move")
     player.send("user", "move", flags=Flags.NONE, priority=1)
-    player.receive("user", headers.Retry(player.number("user"), TaskId(first)))
+    player.request("user", headers.Retry, TaskId(first))
     player.reply("legs/1")
     assert player.history.tasks[TaskId(first)].is_queued
 
@@ -216,19 +201,19 @@ def player() -> ComparedPlayer:
     player.module("user")
     player.declare("user", "command move", "command lift", "goal walk", "command later", "goal step", "inform note")
     guard = MessageFormat("guard", MessageClass.DEMON_MONITOR, ANY, "", ["", "note", ""])
-    player.receive("user", headers.Register(player.number("user"), [guard]))
+    player.request("user", headers.Register, [guard])
     return player
 
 
 def retry(player: ComparedPlayer, task: int) -> None:
-    player.receive("user", headers.Retry(player.number("user"), TaskId(task)))
+    player.request("user", headers.Retry, TaskId(task))
 
 
 def test_who_is_killed_is_not_handled_again_and_its_handler_waits_for_nothing_under_it(player: ComparedPlayer) -> None:
     move = player.task("user", "move")
     player.send("user", "lift", under=move, when_killed=True)
     retry(player, move)
-    player.receive("user", headers.Kill(player.number("user"), TaskId(move)))
+    player.request("user", headers.Kill, TaskId(move))
     assert len(player.central.tree.tasks) == 2
 
 
@@ -242,7 +227,7 @@ def test_who_is_handled_again_does_not_wait_for_the_monitors_of_others(player: C
 def test_who_is_handled_again_waits_for_a_killed_monitor_whose_action_runs(player: ComparedPlayer) -> None:
     player.module("arm", "command grip")
     careful = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["grip", "note", ""])
-    player.receive("user", headers.Register(player.number("user"), [careful]))
+    player.request("user", headers.Register, [careful])
     move = player.task("user", "move")
     player.task("legs/1", "careful", under=move, watch=WatchOptions())
     retry(player, move)
@@ -271,7 +256,7 @@ def test_who_is_queued_to_be_handled_again_does_not_wait_for_what_comes_under_it
 
 def test_a_monitor_that_begins_anew_waits_for_what_it_had_sent(player: ComparedPlayer) -> None:
     guard = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["move", "note", ""])
-    player.receive("user", headers.Register(player.number("user"), [guard]))
+    player.request("user", headers.Register, [guard])
     careful = player.task("user", "careful", watch=WatchOptions())
     retry(player, careful)
     player.reply("legs/1")
@@ -283,26 +268,26 @@ def test_a_monitor_that_begins_anew_waits_for_what_it_had_sent(player: ComparedP
 def test_a_suspended_monitor_to_begin_anew_waits_for_an_exception_handler_that_is_called_then(
     player: ComparedPlayer,
 ) -> None:
-    player.receive("user", headers.Attach(player.number("user"), Attachment("", "recover")))
+    player.request("user", headers.Attach, Attachment("", "recover"))
     guard = TaskId(player.task("user", "guard", watch=WatchOptions()))
-    player.receive("user", headers.Raise(player.number("user"), guard, "cold"))
-    player.receive("user", headers.Suspend(player.number("user"), guard))
-    player.receive("expert/1", headers.Retry(player.number("expert/1"), guard))
-    player.receive("user", headers.Raise(player.number("user"), guard, "cold"))
+    player.request("user", headers.Raise, guard, "cold")
+    player.request("user", headers.Suspend, guard)
+    player.request("expert/1", headers.Retry, guard)
+    player.request("user", headers.Raise, guard, "cold")
     player.reply("expert/1")
     assert player.central.tree.tasks[guard].retrying
-    player.receive("user", headers.Suspend(player.number("user"), guard, resume=True))
+    player.request("user", headers.Suspend, guard, resume=True)
     player.resolve("expert/2")
     player.reply("expert/2")
     assert not player.central.tree.tasks[guard].retrying
 
 
 def test_who_is_retried_does_not_wait_for_its_exception_handler_once_that_has_ended(player: ComparedPlayer) -> None:
-    player.receive("user", headers.Attach(player.number("user"), Attachment("", "recover")))
+    player.request("user", headers.Attach, Attachment("", "recover"))
     walk = player.task("user", "walk")
     move = player.task("user", "move", under=walk)
-    player.receive("user", headers.Raise(player.number("user"), TaskId(move), "cold"))
-    player.receive("expert/1", headers.Retry(player.number("expert/1"), TaskId(walk)))
+    player.request("user", headers.Raise, TaskId(move), "cold")
+    player.request("expert/1", headers.Retry, TaskId(walk))
     player.reply("expert/1")
     player.tick(1)
     assert_lists(player.history)
@@ -311,12 +296,12 @@ def test_who_is_retried_does_not_wait_for_its_exception_handler_once_that_has_en
 @pytest.mark.parametrize("is_later", [False, True])
 def test_a_retry_spares_a_killed_monitor_of_others(player: ComparedPlayer, is_later: bool) -> None:
     careful = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["move", "note", ""])
-    player.receive("user", headers.Register(player.number("user"), [careful]))
+    player.request("user", headers.Register, [careful])
     guard = player.task("user", "guard", watch=WatchOptions(waited_for=True))
     spared = player.task("user", "careful", under=guard, origin=0, watch=WatchOptions())
     if is_later:
         retry(player, guard)
-    player.receive("user", headers.Kill(player.number("user"), TaskId(spared)))
+    player.request("user", headers.Kill, TaskId(spared))
     if not is_later:
         player.task("user", "move", under=guard, flags=Flags.NONE)  # the retry waits for this alone
         retry(player, guard)
@@ -325,7 +310,7 @@ def test_a_retry_spares_a_killed_monitor_of_others(player: ComparedPlayer, is_la
 
 
 def test_a_retry_spares_the_monitor_of_a_wiretap_that_is_not_met_again(player: ComparedPlayer) -> None:
-    player.receive("user", headers.Tap(player.number("user"), Condition.WHILE_ACHIEVING, "guard", "walk"))
+    player.request("user", headers.Tap, Condition.WHILE_ACHIEVING, "guard", "walk")
     walk = player.task("user", "walk")
     retry(player, walk)
     assert len(player.central.tree.tasks) == 2
@@ -333,7 +318,7 @@ def test_a_retry_spares_the_monitor_of_a_wiretap_that_is_not_met_again(player: C
 
 def test_who_is_handled_once_more_waits_for_the_listener_before_that(player: ComparedPlayer) -> None:
     move = TaskId(player.task("user", "move"))
-    player.receive("user", headers.Tap(player.number("user"), Condition.BEFORE_HANDLING, "lift", task=move))
+    player.request("user", headers.Tap, Condition.BEFORE_HANDLING, "lift", task=move)
     player.task("user", "move", flags=Flags.NONE)  # takes the other slot
     player.receive("legs/1", headers.Bye())
     assert len(player.central.tree.tasks) == 3
@@ -345,7 +330,7 @@ def test_a_monitor_that_a_constraint_keeps_is_waited_for_alone(player: ComparedP
     player.task("user", "later", under=guard)
     later = player.task("user", "later", flags=Flags.NONE)
     after = before(point(later, Moment.END_ACHIEVING), point(guard, Moment.END_ACHIEVING))
-    player.receive("user", headers.Constrain(player.number("user"), [after]))
+    player.request("user", headers.Constrain, [after])
     assert len(player.central.tree.tasks) == 4
 
 
@@ -354,7 +339,7 @@ def test_a_monitor_is_kept_from_its_end_by_constraints_too(player: ComparedPlaye
     guard = player.task("user", "guard", under=walk, watch=WatchOptions())
     later = player.task("user", "later", flags=Flags.NONE)
     after = before(point(later, Moment.END_HANDLING), point(guard, Moment.END_HANDLING))
-    player.receive("user", headers.Constrain(player.number("user"), [after]))
+    player.request("user", headers.Constrain, [after])
 
 
 def test_who_was_killed_does_not_wait_to_be_planned_for_what_is(player: ComparedPlayer) -> None:
@@ -363,13 +348,13 @@ def test_who_was_killed_does_not_wait_to_be_planned_for_what_is(player: Compared
         player.send("user", message, under=walk, when_killed=True)
     player.task("user", "step", under=walk)
     player.reply("legs/1")
-    player.receive("user", headers.Kill(player.number("user"), TaskId(walk)))
+    player.request("user", headers.Kill, TaskId(walk))
     assert len(player.central.tree.tasks) == 3
 
 
 def test_whose_exception_handler_decides_waits_for_it_to_be_achieved_not_only_planned(player: ComparedPlayer) -> None:
     attachment = Attachment("", "recover")
-    player.receive("user", headers.Attach(player.number("user"), attachment))
+    player.request("user", headers.Attach, attachment)
     player.task("user", "walk")
     player.fail("legs/1", "slipped")
     player.task("expert/1", "step", under=player.delivered("expert/1")[0])
@@ -378,10 +363,10 @@ def test_whose_exception_handler_decides_waits_for_it_to_be_achieved_not_only_pl
 
 
 def test_whose_handler_failed_waits_for_that_decision_and_not_for_one_beside(player: ComparedPlayer) -> None:
-    player.receive("user", headers.Attach(player.number("user"), Attachment("", "recover")))
+    player.request("user", headers.Attach, Attachment("", "recover"))
     walk = player.task("user", "walk")
     player.fail("legs/1", "slipped")
-    player.receive("user", headers.Raise(player.number("user"), TaskId(walk), "cold"))
+    player.request("user", headers.Raise, TaskId(walk), "cold")
     assert player.history.tasks[TaskId(walk)].is_recovering
     player.resolve("expert/2")
     player.reply("expert/2")  # the second one has ended
@@ -392,10 +377,10 @@ def test_whose_handler_failed_waits_for_that_decision_and_not_for_one_beside(pla
 
 
 def test_who_is_retried_is_not_kept_for_ever_by_an_exception_handler_that_has_ended(player: ComparedPlayer) -> None:
-    player.receive("user", headers.Attach(player.number("user"), Attachment("", "recover")))
+    player.request("user", headers.Attach, Attachment("", "recover"))
     walk = player.task("user", "walk")
     retry(player, walk)
-    player.receive("user", headers.Raise(player.number("user"), TaskId(walk), "cold"))
+    player.request("user", headers.Raise, TaskId(walk), "cold")
     assert player.history.tasks[TaskId(walk)].is_recovering
     player.reply("expert/1")
     assert not player.history.tasks[TaskId(walk)].is_recovering
@@ -404,7 +389,7 @@ def test_who_is_retried_is_not_kept_for_ever_by_an_exception_handler_that_has_en
 def test_whoever_is_to_be_planned_before_it_is_achieved_is_not_once_it_was_killed(player: ComparedPlayer) -> None:
     walk = player.task("user", "walk", flags=Flags.PLAN_FIRST)
     player.send("user", "step", under=walk, when_killed=True)
-    player.receive("user", headers.Kill(player.number("user"), TaskId(walk)))
+    player.request("user", headers.Kill, TaskId(walk))
 
 
 class Told(Blocking):
@@ -438,10 +423,9 @@ class Told(Blocking):
 
 
 @given(blocking_steps)
-@settings(max_examples=75)
-def test_what_is_told_is_what_the_graph_has(taken: list[tuple[str, int, int, int]]) -> None:
+@settings(max_examples=lives(40, soak=500))
+def test_what_is_told_is_what_the_graph_has(taken: Steps) -> None:
     life = Told(looks=True)
-    life.hello("operator")
     for step in taken:
         life.do(*step)
         life.compare()

@@ -10,7 +10,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from integration.programs import run
+from processes import run
 from simulation.life import Life
 from simulation.options import FEATURES, Options
 from supervise.robot_files import HASTY, kill, robot

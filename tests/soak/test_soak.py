@@ -4,8 +4,8 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from integration.programs import central
 from integration.test_walk import walk
+from processes import central
 
 from robots.ambler_sim.run.figures import Figures
 from tca_module import Goal, Module, Outcome, Task

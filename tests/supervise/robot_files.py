@@ -3,14 +3,12 @@
 import os
 import re
 import signal
-import subprocess
-import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from module.real_central import until
+from processes import Process
 
 from tca_tools.supervise import guard
 
@@ -24,25 +22,17 @@ class Running:
 
     def __init__(self, folder: Path, text: str, *options: str) -> None:
         (folder / "robot.toml").write_text(text)
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "tca_tools.supervise", *options, str(folder / "robot.toml")], text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
+        self.process = Process("tca", "run", *options, str(folder / "robot.toml"))
         self.said = ""
         self.groups: dict[str, int] = {}  #: the newest process of each program
 
     def hear(self, pattern: str) -> re.Match[str]:
         """Read on until a line has a pattern."""
-        assert self.process.stdout
-        too_late = threading.Timer(SOON, self.process.kill)
-        too_late.start()
-        try:
+        with self.process.killed_after(SOON):
             for line in self.process.stdout:
                 self._take(line)
                 if found := re.search(pattern, line):
                     return found
-        finally:
-            too_late.cancel()
         raise AssertionError(f"no {pattern!r} in\n{self.said}")
 
     def _take(self, line: str) -> None:
@@ -55,13 +45,10 @@ class Running:
 
     def end(self) -> tuple[int, str]:
         """Wait for its end: exit code, and what it said on standard error."""
-        assert self.process.stdout
-        assert self.process.stderr
         for line in self.process.stdout:
             self._take(line)
         errors = self.process.stderr.read()
-        self.process.wait(SOON)
-        return self.process.returncode, errors
+        return self.process.wait(SOON), errors
 
     def leaves_nothing(self) -> None:
         """Wait until no process that it has started lives."""
@@ -79,9 +66,7 @@ def robot(folder: Path, text: str, *options: str) -> Iterator[Running]:
     try:
         yield running
     finally:
-        if running.process.poll() is None:
-            running.process.kill()
-        running.process.communicate()
+        running.process.close()
         for group in running.groups.values():
             guard.send(group, signal.SIGKILL)
 

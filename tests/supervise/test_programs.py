@@ -3,8 +3,6 @@
 import os
 import re
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +11,7 @@ from types import FrameType
 
 import pytest
 from module.real_central import until
+from processes import Process
 
 from tca_tools.supervise import guard
 from tca_tools.supervise.programs import ProgramEnded, Programs
@@ -78,10 +77,7 @@ time.sleep(60)
 
 @pytest.mark.slow
 def test_no_program_outlives_a_starter_that_is_killed(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", STARTER, str(tmp_path), *DEAF]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as starter:
-        assert starter.stdout
-        assert starter.stderr
+    with Process("-c", STARTER, str(tmp_path), *DEAF) as starter:
         groups = [int(word) for word in starter.stdout.readline().split()]
         os.kill(starter.pid, signal.SIGKILL)
         assert re.search("killed; its 2 programs are ended", starter.stderr.readline())

@@ -47,27 +47,27 @@ def _join(player: Player) -> None:
     player.module("expert", "exception handler recover")
     player.module("user")
     monitor = MessageFormat("look", MessageClass.POINT_MONITOR, ANY, "", ["where", "note"])
-    _request(player, headers.Register, [monitor])
-    _request(player, headers.Tap, Condition.BEFORE_HANDLING, "check", "move", TaskId(0))
-    _request(player, headers.Attach, Attachment("slipped", "recover", 1), TaskId(0), "move")
+    player.request("user", headers.Register, [monitor])
+    player.request("user", headers.Tap, Condition.BEFORE_HANDLING, "check", "move", TaskId(0))
+    player.request("user", headers.Attach, Attachment("slipped", "recover", 1), TaskId(0), "move")
 
 
 def _walk(player: Player) -> None:
     top = player.task("user", "walk")
-    _request(player, headers.AwaitPoint, point(top, Moment.END_ACHIEVING))
+    player.request("user", headers.AwaitPoint, point(top, Moment.END_ACHIEVING))
     first = player.task("planner/1", "step", under=top)
     second = player.task("planner/1", "step", under=top)
     held = (before(point(first, Moment.START_ACHIEVING), point(-1, Moment.START_ACHIEVING), 3.0),)
     player.send("planner/1", "look", under=top, watch=WatchOptions(), constraints=held)
     player.reply("planner/1")
     _step(player, first, slips=True)
-    _request(player, headers.Suspend, TaskId(second))
-    _request(player, headers.Suspend, TaskId(second), True)
+    player.request("user", headers.Suspend, TaskId(second))
+    player.request("user", headers.Suspend, TaskId(second), True)
     _step(player, second, slips=False)
 
 
 def _talk(player: Player) -> None:
-    player.receive("maps", headers.Lock(player.number("maps"), "legs", "legs"))
+    player.request("maps", headers.Lock, "legs", "legs")
     player.send("user", "note")
     player.receive("maps", headers.GiveUp(player.numbers["maps"]))
     player.reply("legs/1", value=1)
@@ -86,21 +86,17 @@ def _talk(player: Player) -> None:
 
 def _end(player: Player) -> None:
     for _ in range(2):
-        player.receive("maps", headers.Lock(player.number("maps"), "legs", "legs"))
+        player.request("maps", headers.Lock, "legs", "legs")
         player.receive("maps", headers.GiveUp(player.numbers["maps"]))
     player.send("user", "note")
     player.reply("legs/1")
     in_vain = player.task("user", "walk")
     player.task("user", "move", under=in_vain)
-    _request(player, headers.Kill, TaskId(in_vain), "enough")
+    player.request("user", headers.Kill, TaskId(in_vain), "enough")
     for slot in ("planner/1", "planner/2", "checker/1"):
         while player.delivered(slot):
             player.reply(slot)
     player.lose("legs/1")
-
-
-def _request(player: Player, header: Callable[..., object], *fields: object) -> None:
-    player.receive("user", header(player.number("user"), *fields))
 
 
 def _step(player: Player, step: int, *, slips: bool) -> None:
@@ -113,7 +109,7 @@ def _step(player: Player, step: int, *, slips: bool) -> None:
     player.reply("checker/1")
     if slips:
         player.fail("legs/1", "slipped")
-        player.receive("expert/1", headers.Retry(player.number("expert/1"), TaskId(move)))
+        player.request("expert/1", headers.Retry, TaskId(move))
         player.reply("expert/1")
         player.reply("checker/1")
     player.reply("legs/1")

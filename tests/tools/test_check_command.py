@@ -289,9 +289,7 @@ def test_messages_may_come_in_any_form(journal: Path, tmp_path: Path, found: str
 
 def chopping(tmp_path: Path) -> Path:
     """Three times chop for a cook with one hand: each is begun with the event that ends the one before."""
-    player = Player()
-    player.module("cook", "command chop")
-    player.module("user")
+    player = Player.of("cook: command chop", "user")
     for _ in range(3):
         player.task("user", "chop")
     for _ in range(3):

@@ -12,8 +12,9 @@ from central.transcript import Transcript
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
-from properties.life import Life, operation
+from properties.life import Life, Operations, operations
 from properties.test_late_taps import CheckedLife
+from sampling import lives
 from tools.runs import OPENED, TRANSCRIPTS, Change, changed, checked, lost, played, twice, walk
 from tools.story import THIS, Story, stumbling
 
@@ -60,40 +61,29 @@ def test_a_slot_that_began_what_was_ahead_before_its_handler_was_gone_keeps_them
     for _ in range(3):
         player.send("user", "where")
     first, _, third = got(player, "ear/1")
-    player.receive("ear", headers.Unregister(player.number("ear"), []))
+    player.request("ear", headers.Unregister, [])
     player.reply("ear/1", first)
     player.receive("ear/1", headers.Recalled([third]))
     assert len(player.facts(facts.Delivered)) == 2
     assert checked([OPENED, *player.entries]) == []
 
 
-@given(st.lists(operation, max_size=60))
-@settings(max_examples=80)
-def test_random_lives_keep_them(operations: list[tuple[str, int, int, int, int]]) -> None:
-    life = Life(Player(check=False))
-    for name, *numbers in operations:
-        life.do(name, *numbers)
+@given(operations)
+@settings(max_examples=lives(40, soak=500))
+def test_random_lives_keep_them(taken: Operations) -> None:
+    life = Life(Player(check=False)).live(taken)
     assert checked([OPENED, *life.player.entries]) == []
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=3)
+@settings(max_examples=lives(3, soak=100))
 def test_longer_lives_keep_them_from_wherever_the_journal_begins(seed: int) -> None:
     life = Life(Player(check=False))
-    life.go_on(seed, 700)
+    life.go_on(seed, lives(700, soak=2_000))
     entries = life.player.entries
     assert checked([OPENED, *entries]) == []
     for start in range(7, len(entries), 60):
         assert checked(entries[start:]) == []
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=100)
-def test_many_long_lives_keep_them(seed: int) -> None:
-    life = Life(Player(check=False))
-    life.go_on(seed, 2_000)
-    assert checked([OPENED, *life.player.entries]) == []
 
 
 # --- what is wrong is found ------------------------------------------------------------------------------------------
@@ -154,9 +144,7 @@ def test_a_reply_that_was_there_is_waited_for() -> None:
 
 @pytest.mark.parametrize("missing", [facts.WaitBegan, facts.WaitEnded])
 def test_a_wait_for_changes_begins_and_ends(missing: type[facts.Fact]) -> None:
-    player = Player()
-    player.module("legs", "command move")
-    player.module("user")
+    player = Player.of("legs: command move", "user")
     task = player.task("user", "move")
     player.receive("user", Observe(number := player.number("user"), TaskId(task)))
     player.receive("user", headers.Await(number, seen=2))  # how it stands, and that this is all
@@ -220,7 +208,7 @@ def test_a_parent_that_ends_before_its_child() -> None:
 def test_a_monitor_that_keeps_what_it_watches_over() -> None:
     player = Player.of("planner: goal walk", "eye: query seen", "user")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["seen", ""])
-    player.receive("user", headers.Register(player.number("user"), [watch]))
+    player.request("user", headers.Register, [watch])
     walk = player.task("user", "walk")
     monitor = player.task("planner/1", "watch", under=walk, watch=WatchOptions(5.0))
     player.reply("planner/1")

@@ -189,12 +189,8 @@ SLIP = {"z": 1.5}
 
 def slipping() -> tuple[Player, int]:
     """A move with data 7, whose handler failed with data; an exception handler has been called."""
-    player = Player()
-    player.module("legs", "command move")
-    player.module("expert", "exception handler recover")
-    player.module("user")
-    attach = headers.Attach(player.number("user"), Attachment("slip", "recover", 1), TaskId(0), "move")
-    player.receive("user", attach)
+    player = Player.of("legs: command move", "expert: exception handler recover", "user")
+    player.request("user", headers.Attach, Attachment("slip", "recover", 1), TaskId(0), "move")
     move = player.task("user", "move")
     player.tick(1.0)
     slip = headers.Fail(player.delivered("legs/1")[-1], "slip", "on ice")
@@ -204,7 +200,7 @@ def slipping() -> tuple[Player, int]:
 
 def retry(player: Player, move: int) -> None:
     player.tick(1.0)
-    player.receive("expert/1", headers.Retry(player.number("expert/1"), TaskId(move)))
+    player.request("expert/1", headers.Retry, TaskId(move))
 
 
 def entries(player: Player) -> list[Entry]:
@@ -244,13 +240,9 @@ def test_it_is_gone_as_soon_as_the_task_is_retried() -> None:
 
 
 def test_the_result_of_a_handler_that_ran_before_the_retry_is_void() -> None:
-    player = Player()
-    player.module("planner", "goal walk")
-    player.module("legs", "command move")
-    player.module("expert", "exception handler recover")
-    player.module("user")
+    player = Player.of("planner: goal walk", "legs: command move", "expert: exception handler recover", "user")
     walk = player.task("user", "walk")
-    player.receive("user", headers.Attach(player.number("user"), Attachment("slip", "recover", 1), TaskId(walk)))
+    player.request("user", headers.Attach, Attachment("slip", "recover", 1), TaskId(walk))
     move = player.task("planner/1", "move", under=walk)
     player.reply("planner/1", value="planned")
     assert words.data(RunAt(fold(player)).tasks[walk]) == '7 -> "planned"'
@@ -301,8 +293,8 @@ def resolved_entries() -> list[Entry]:
         "planner: goal walk", "legs: command step, command swing", "expert: exception handler mend",
         "watcher: exception handler look", "safety: command check", "user",
     )  # fmt: skip
-    robot.receive("user", headers.Attach(robot.number("user"), Attachment("", "look")))
-    robot.receive("safety/1", headers.Tap(robot.number("safety/1"), Condition.BEFORE_HANDLING, "check", "step"))
+    robot.request("user", headers.Attach, Attachment("", "look"))
+    robot.request("safety/1", headers.Tap, Condition.BEFORE_HANDLING, "check", "step")
     mend = [Attachment("slip", "mend")]
     for is_in_walk, is_mended in ((True, True), (False, True), (True, False)):
         under = robot.task("user", "walk") if is_in_walk else 0

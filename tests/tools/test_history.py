@@ -6,6 +6,7 @@ import click
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sampling import lives
 from tools.story import PLANNING, Story, arcs, stumbling, walking
 
 from tca_tools.explain import wait_words
@@ -120,7 +121,7 @@ FACTS = st.one_of([a_fact(kind) for kind in get_args(facts.Fact)])
 
 
 @given(st.lists(FACTS, max_size=80))
-@settings(max_examples=80)
+@settings(max_examples=lives(40, soak=500))
 def test_any_facts_at_all_fold_and_show(told: list[facts.Fact]) -> None:
     wording = Wording()
     history = History.until(facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told))

@@ -41,8 +41,7 @@ def two_arms() -> Contents:
     """An arm grips, its copy is idle. Who asks the map has to wait, for the map is to lock both; and so has the lift
     that is sent after it.
     """
-    player = Player()
-    player.module("legs", "command move")
+    player = Player.of("legs: command move")
     join(player, "new")
     player.module("map", "query where")
     player.module("user")
@@ -55,7 +54,7 @@ def two_arms() -> Contents:
     player.tick(20.0)
     player.reply("new/1")
     player.tick(10.0)
-    player.receive("map/1", headers.Release(player.number("map/1"), number))
+    player.request("map/1", headers.Release, number)
     player.reply(next(one for one in ("legs/1", "new/1") if player.delivered(one)))
     return contents(History.until(player.entries))
 
@@ -115,7 +114,7 @@ def lived(life: list[tuple[str, int]]) -> Run:
             player.receive(client, headers.Lock(wanted[-1][1], "legs", reserve=what == "reserve"))
         elif what == "release" and (had := [one for one in wanted if is_granted(player, *one)]):
             client, lock = wanted.pop(wanted.index(had[number % len(had)]))
-            player.receive(client, headers.Release(player.number(client), lock))
+            player.request(client, headers.Release, lock)
         player.tick(float(number))
     return History.until(player.entries)
 

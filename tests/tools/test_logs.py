@@ -9,7 +9,7 @@ from pathlib import Path
 import msgpack
 import pytest
 from click.testing import Result
-from integration.programs import central
+from processes import central
 from tools.runs import walk
 from tools.story import Story, walking
 

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import pytest
 from click.testing import Result
-from integration.programs import central
+from processes import central
 from properties.life import Life
 from tools.story import walking
 from tools.test_logs import segment

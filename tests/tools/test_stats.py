@@ -88,8 +88,7 @@ def test_a_quiet_run_that_goes_on_is_measured_until_now(tmp_path: Path) -> None:
 
 def test_a_message_for_many_is_open_while_a_copy_of_it_waits_or_is_handled() -> None:
     """A variable that nobody watches is just set, and a broadcast to nobody is over."""
-    player = Player()
-    player.module("user", "variable mode", "broadcast pose")
+    player = Player.of("user: variable mode, broadcast pose")
     player.lose("user")
     player.module("user")
     player.set_variable("user", "mode", 3)

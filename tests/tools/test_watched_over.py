@@ -31,12 +31,12 @@ def guarded(*, waited_for: bool = False, fired: bool = False) -> FoldedPlayer:
     player.module("user")
     player.declare("user", "goal walk", "command move", "command lift", "inform note")
     guard = MessageFormat("guard", MessageClass.DEMON_MONITOR, "{}", "", ["", "lift", ""])
-    player.receive("user", headers.Register(player.number("user"), [guard]))
+    player.request("user", headers.Register, [guard])
     assert player.task("user", "walk") == WALK
     assert player.task("planner/1", "move", under=WALK) == MOVE
     assert player.task("user", "guard", under=MOVE, watch=WatchOptions(waited_for=waited_for)) == GUARD
     if fired:
-        player.receive("legs/1", headers.Fire(player.number("legs/1"), GUARD), b"\x07")
+        player.request("legs/1", headers.Fire, GUARD, body=b"\x07")
     player.reply("planner/1")
     for _ in range(11):
         player.task("user", "move")

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from integration.programs import central
 from playwright.sync_api import Browser, Locator, Page, expect
+from processes import central
 from tools.story import Story, stumbling, walking
 
 from tca_module import Command, Goal, Module, Task, connect

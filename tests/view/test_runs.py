@@ -2,14 +2,13 @@
 
 import re
 import shutil
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from integration.programs import Central, central
 from playwright.sync_api import Page, expect
+from processes import Central, central
 from tools.story import stumbling, walking
 
 from tca_module import Goal, connect
@@ -87,8 +86,7 @@ def test_the_note_leads_to_the_newer_run(look: Look, serve: Callable[..., str], 
 
 
 def begun_anew_after_a_kill(first: Central, start: Start) -> None:
-    first.signal(signal.SIGKILL)
-    first.process.wait()
+    first.kill()
     start("arm", REST)
 
 

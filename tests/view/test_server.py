@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 import urllib.error
 import urllib.parse
 import urllib.request
@@ -13,6 +11,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from processes import Process
 from tools.story import stumbling, walking
 
 from tca_tools.view.__main__ import view
@@ -110,26 +109,21 @@ def test_a_foreign_name_is_not_served(address: str) -> None:
 
 def test_beyond_this_machine_the_page_wants_the_token_of_its_address(tmp_path: Path) -> None:
     journal = str(walking().write(tmp_path / "walk"))
-    command = [sys.executable, "-m", "tca_tools.view", journal, "--no-browser", "--host", "0.0.0.0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        assert server.stdout
-        try:
-            found = re.search(r"http://0.0.0.0:(\d+)/\?access=(\S+)", server.stdout.readline())
-            assert found
-            address, token = f"http://127.0.0.1:{found[1]}/", found[2]
-            for what in ("", "api/runs", "page/page.js", f"api/runs?access={token}", "?access=guess", "?access="):
-                with pytest.raises(urllib.error.HTTPError, match="403"):
-                    get(address + what)
+    with Process("tca", "view", journal, "--no-browser", "--host", "0.0.0.0") as server:
+        found = re.search(r"http://0.0.0.0:(\d+)/\?access=(\S+)", server.stdout.readline())
+        assert found
+        address, token = f"http://127.0.0.1:{found[1]}/", found[2]
+        for what in ("", "api/runs", "page/page.js", f"api/runs?access={token}", "?access=guess", "?access="):
             with pytest.raises(urllib.error.HTTPError, match="403"):
-                get(f"{address}api/runs", {"Cookie": "access=guess"})
-            assert json.loads(get(f"{address}api/runs", {"Cookie": f"access={token}"}))
-            browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
-            with browser.open(f"{address}?access={token}", timeout=20) as page:
-                assert (page.url, b"tca view" in page.read()) == (address, True)
-            with browser.open(f"{address}api/runs", timeout=20) as runs:
-                assert json.loads(runs.read())
-        finally:
-            server.terminate()
+                get(address + what)
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            get(f"{address}api/runs", {"Cookie": "access=guess"})
+        assert json.loads(get(f"{address}api/runs", {"Cookie": f"access={token}"}))
+        browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+        with browser.open(f"{address}?access={token}", timeout=20) as page:
+            assert (page.url, b"tca view" in page.read()) == (address, True)
+        with browser.open(f"{address}api/runs", timeout=20) as runs:
+            assert json.loads(runs.read())
 
 
 def test_a_port_that_is_taken_and_a_journal_that_is_none(address: str, tmp_path: Path) -> None:
@@ -153,16 +147,12 @@ def test_an_empty_journal_is_said_to_be_empty(tmp_path: Path, is_folder: bool) -
     if is_folder:
         log.mkdir()
     (log / "00000001.tcaj" if is_folder else log).touch()
-    command = [sys.executable, "-m", "tca_tools.view", str(log), "--no-browser", *["--read-only"] * is_folder]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            found = re.fullmatch(r"new: (http://\S+)  .*\n", process.stdout.readline())
-            assert found
-            assert ("?key=" in found[1]) != is_folder
-            get(found[1])  # it serves: what it has to say it has said
-        finally:
-            process.terminate()
+    with Process("tca", "view", str(log), "--no-browser", *["--read-only"] * is_folder) as process:
+        found = re.fullmatch(r"new: (http://\S+)  .*\n", process.stdout.readline())
+        assert found
+        assert ("?key=" in found[1]) != is_folder
+        get(found[1])  # it serves: what it has to say it has said
+        process.terminate()
         assert process.communicate()[0] == "it is empty: what central writes to it will be shown\n"
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from integration.programs import Central, central
 from playwright.sync_api import Locator, Page, expect
+from processes import Central, central
 from tools.story import walking
 
 from tca_module import Client, Command, Goal, Module, Task, connect

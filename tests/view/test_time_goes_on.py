@@ -7,8 +7,8 @@ from pathlib import Path
 from threading import Semaphore
 
 import pytest
-from integration.programs import Central, central
 from playwright.sync_api import Page, expect
+from processes import Central, central
 
 from tca_module import Client, Command, Goal, Module, Task, connect
 from view.conftest import Look, until

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sampling import lives
 
 from tca_wire.errors import BadData
 from tca_wire.messages.declarations import Command
@@ -110,7 +111,7 @@ def test_what_json_can_say_arrives_as_what_was_declared(kind: Any, value: Any) -
 
 @given(st.recursive(st.none() | st.booleans() | st.integers(-(2**63), 2**63) | st.floats(allow_nan=False) | st.text(),
                     lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))  # fmt: skip
-@settings(max_examples=30)
+@settings(max_examples=lives(10, soak=100))
 def test_a_format_without_rules_takes_everything(value: object) -> None:
     assert fitting(Any, value) == value
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from missions.charts.played import ENDINGS, EndOfPlay, PlayedMission, PlayedTask
+from sampling import lives
 
 from tca_behaviours.missions.charts import Sequence, StateMachine, UnsoundMachine
 from tca_behaviours.missions.charts.running import MachineRun
@@ -15,7 +16,7 @@ from tca_behaviours.missions.charts.statechart import Statechart
 from tca_behaviours.missions.charts.states import MachineState
 from tca_wire.charts import ActiveStates, Ending, StateKind
 
-MOST_ARE_REFUSED = settings(suppress_health_check=[HealthCheck.filter_too_much])
+MOST_ARE_REFUSED = settings(max_examples=lives(20, soak=100), suppress_health_check=[HealthCheck.filter_too_much])
 LABELS = [f"s{number}" for number in range(9)]
 
 

@@ -1,0 +1,172 @@
+"""Modules whose handlers do nothing while they wait: lives of them, in which anything that blocks may happen."""
+
+from collections.abc import Mapping
+from typing import Self
+
+from central.player import Player, before, point
+
+from tca_central.core import Central
+from tca_central.model.deliveries import Connection, Delivery
+from tca_central.model.observers import Observation
+from tca_central.model.tasks import Task
+from tca_wire.constraints import Flags
+from tca_wire.journal.facts import RequestRefused
+from tca_wire.packets import headers
+from tca_wire.packets.changes import Observe
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Refusal
+
+HANDLED = {"a": ("goal walk", "query where"), "b": ("command move", "query look"), "c": ("goal step", "query pose")}
+DELAYED = Flags.DELAY_PLANNING | Flags.SEQ_ACH
+COROUTINES = "c"
+"""The module whose handlers may wait for several answers at a time."""
+
+Steps = list[tuple[str, int, int, int]]
+
+
+class Blocking(Player):
+    """Modules whose handlers do nothing while they wait."""
+
+    handled: Mapping[str, tuple[str, ...]] = HANDLED
+
+    def __init__(self, *, looks: bool) -> None:
+        super().__init__()
+        self.central.look_after = 0.25 if looks else 0
+        self.module("user")
+        self.declare("user", *(message for handled in self.handled.values() for message in handled))
+        for index, (name, handled) in enumerate(self.handled.items()):
+            self.module(name, *handled, capacity=1 + index % 2, pool="")
+        self.hello("operator")
+
+    def live(self, taken: Steps) -> Self:
+        """Take steps, of a second each."""
+        for step in taken:
+            self.do(*step)
+            self.tick(1.0)
+        return self
+
+    @property
+    def refused(self) -> list[RequestRefused]:
+        return [fact for fact in self.facts(RequestRefused) if fact.refusal is Refusal.DEADLOCK]
+
+    def free(self) -> list[Delivery]:
+        return free_handlers(self.central)
+
+    def do(self, what: str, a: int, b: int, c: int) -> None:
+        """One handler, or the user, does something."""
+        free, tasks = self.free(), [*self.central.tree.tasks.values()]
+        delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
+        who = delivery.slot.id.decode() if delivery and delivery.slot else "user"
+        origin = delivery.given_as if delivery else 0
+        if who == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
+            return
+        task = tasks[b % len(tasks)] if tasks else None
+        if what == "return" and delivery:
+            self.reply(who, origin)
+        elif what == "send":
+            names = ("walk", "move", "step")
+            parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
+            flags = (Flags.NONE, Flags.SEQ_ACH, DELAYED, Flags.PLAN_FIRST)[c % 4]
+            constraints = (before(point(task.id, list(Moment)[c % 6]), point(-1, list(Moment)[a % 6])),) if task else ()
+            self.send(who, names[b % 3], under=parent, flags=flags, constraints=constraints * (c % 5 == 0))
+        elif what == "ask":
+            blocks = self.blocks(delivery)
+            self.send(who, ("where", "look", "pose")[b % 3], origin=origin, blocking=blocks)
+        elif what == "wait" and task:
+            blocks = self.blocks(delivery)
+            self.request(who, headers.AwaitPoint, point(task.id, list(Moment)[c % 6]), origin, blocking=blocks)
+        elif what in ("follow", "any") and tasks:
+            followed = [tasks[b % len(tasks)], tasks[c % len(tasks)]][: 1 + a % 2]
+            self._wait_for(who, delivery, followed, what, is_below=c % 3 == 0)
+        elif what in ("await", "give up"):
+            self._await(what, b, c)
+        elif what == "lock":
+            resource, reserve = ("a", "b", "c")[b % 3], c % 2 == 0
+            self.request(who, headers.Lock, resource, "", reserve, origin, blocking=True)
+        else:
+            self._steer(what, a, b, c)
+
+    def _await(self, what: str, b: int, c: int) -> None:
+        """A coroutine asks some more and awaits what comes first; or its timeout is over, and one answer less is awaited."""
+        coroutines = [one for one in self.central.dispatcher.running.values() if is_coroutine(one)]
+        if not coroutines:
+            return
+        delivery = coroutines[b % len(coroutines)]
+        assert delivery.slot
+        who, waits = delivery.slot.id.decode(), delivery.slot.waits
+        if what == "give up":
+            for number in [number for number, wait in waits.items() if wait.is_coroutine][:1]:
+                self.receive(who, headers.GiveUp(number))
+        elif not waits_in(delivery.slot, delivery):
+            for name in ("where", "look", "pose")[b % 3 :][: 1 + c % 2]:
+                self.send(who, name, origin=delivery.given_as)
+            asked = [number for number in delivery.slot.outstanding if number not in waits]
+            self.receive(who, headers.AwaitAny(delivery.given_as, asked[-1 - c % 3 :]))
+
+    def _wait_for(self, who: str, by: Delivery | None, tasks: list[Task], what: str, *, is_below: bool) -> None:
+        """A wait for the first news of tasks, or of what is under them; or for the first to end."""
+        asked, origin = [], by.given_as if by else 0
+        for task in tasks:
+            number, place = self.number(who), point(task.id, Moment.END_ACHIEVING)
+            about = (TaskId(0), "", task.id) if is_below else (TaskId(task.id), "", TaskId(0))
+            following = Observe(number, *about, origin=origin)
+            self.receive(who, following if what == "follow" else headers.AwaitPoint(number, place, origin))
+            asked.append(number)
+        outstanding = self.central.registry.connections[who.encode()].outstanding  # type: ignore[index]
+        seen = sum(one.told for number in asked if isinstance(one := outstanding[number], Observation))
+        self.receive(who, headers.Await(asked[0], self.blocks(by), origin, asked[1:], seen=seen))
+
+    def blocks(self, by: Delivery | None) -> bool:
+        """Whether the thread of a handler waits with it."""
+        return by is None or not is_coroutine(by)
+
+    def _steer(self, what: str, a: int, b: int, c: int) -> None:
+        """The operator does something; he never waits."""
+        tasks = [TaskId(task) for task in self.central.tree.tasks]
+        if not tasks:
+            return
+        one, other = tasks[a % len(tasks)], tasks[b % len(tasks)]
+        header: object = headers.Kill(self.number("operator"), one)
+        if what == "constrain":
+            wanted = before(point(one, list(Moment)[b % 6]), point(other, list(Moment)[c % 6]))
+            header = headers.Constrain(self.number("operator"), [wanted])
+        elif what == "suspend":
+            header = headers.Suspend(self.number("operator"), one, c % 2 == 0)
+        elif what != "kill":
+            return
+        self.receive("operator", header)
+
+    def go_on(self) -> None:
+        """Everything that can go on does, until nothing can."""
+        for _ in range(1000):
+            for task in [task for task in self.central.tree.tasks.values() if task.suspended]:
+                self.request("operator", headers.Suspend, TaskId(task.id), resume=True)
+            self.tick(1.0)
+            free = self.free()
+            for claim in list(self.central.claims.values()):  # whoever can will release what he has
+                if claim.is_granted and (claim.holder in free or not (claim.holder or claim.slot.waits)):
+                    self.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))
+            if not (free := self.free()):
+                return
+            assert free[0].slot
+            self.reply(free[0].slot.id.decode(), free[0].given_as)
+
+
+def is_coroutine(delivery: Delivery) -> bool:
+    return delivery.slot is not None and delivery.slot.module.name == COROUTINES
+
+
+def free_handlers(central: Central) -> list[Delivery]:
+    """What is handled by a handler that waits for nothing: the newest of its slot, and every coroutine."""
+    attended = central.dispatcher.running.values()
+    newest = {delivery.slot: delivery for delivery in attended}
+    may_go_on = [one for one in attended if is_coroutine(one) or newest[one.slot] is one]
+    return [one for one in may_go_on if one.slot and not waits_in(one.slot, one)]
+
+
+def waits_in(slot: Connection, delivery: Delivery) -> bool:
+    """Whether a handler waits: for an answer that its thread blocks for, or a coroutine for one of several."""
+    return any(
+        wait.origin == delivery.given_as if wait.is_coroutine else wait.since > slot.handling[delivery]
+        for wait in slot.waits.values()
+    )
