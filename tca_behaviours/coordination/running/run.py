@@ -140,10 +140,9 @@ class CoordinationRun:
     def _begin_ahead(self, decision: Decision) -> None:
         if self._look_ahead is None:
             return
-        shares = {one.state: one.share for one in (*decision.starts, *decision.speeds)}
         for state, rank in {one.state: rank for rank, one in enumerate(decision.preview, 1)}.items():
             work, activity = self._work.ahead(state), self._machine.states[state].activity
-            share = shares.get(state, work.share if work is not None else 0.0)
+            share = decision.shares.get(state, work.share if work is not None else 0.0)
             if activity is None or not share or (work is not None and (share, rank) == (work.share, work.rank)):
                 continue
             otherwise = "does not run early" if work is None else "runs on as it does"
