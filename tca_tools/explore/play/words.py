@@ -55,17 +55,13 @@ def _step(play: Play, action: Action) -> str:
 
 
 def _hear(play: Play, action: Action) -> str:
-    inbox = play.lines[action.name].inbox
-    assert inbox is not None
-    header, _ = inbox.under_way[0]
+    header, _ = play.inbox(action).under_way[0]
     named = [header.delivery] if isinstance(header, headers.Deliver) else getattr(header, "deliveries", [])
     return f"{action.name} hears {type(header).__name__} {', '.join(_name(play, one) for one in named)}".rstrip()
 
 
 def _begin(play: Play, action: Action) -> str:
-    inbox = play.lines[action.name].inbox
-    assert inbox is not None
-    header, _ = inbox.session.ahead[0]
+    header, _ = play.inbox(action).session.ahead[0]
     return f"{action.name} begins with {_name(play, header.delivery)}, which it has ahead"
 
 
