@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from math import isnan, nan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from tca_behaviours.coordination.model.activities import Activity
 from tca_behaviours.coordination.model.automaton import Automaton
@@ -89,12 +89,6 @@ class LookAhead(NamedTuple):
             decision.refused.append(Objection(present.current, Reason.STEADY))
         _Deciding(self, automaton, present, decision).decide()
         return decision
-
-    def data_at(self, activity: Activity, share: float, rank: int, otherwise: str) -> list[Any] | None:
-        """The data of an activity's tasks at a share of full speed and a rank; None if it has none. *otherwise*: what
-        becomes of it then, in words.
-        """
-        return self.mistakes.otherwise(None, f"{activity!r} {otherwise}", lambda: activity.data_at(share, rank))
 
 
 class _Deciding:
