@@ -63,6 +63,7 @@ EXCEPTIONS = {
     ("tca_module/testing.py", "tca_central"),  # the real core for users' tests
     ("tca_tools/check/rerun.py", "tca_central"),  # whose inputs are handled again
     ("tca_behaviours/missions/charts/machine.py", "tca_tools"),  # pictures of state machines
+    ("tca_behaviours/missions/console/command.py", "tca_tools"),  # what all commands have
     ("tca_behaviours/coordination/learning.py", "tca_tools"),  # journals of earlier runs
     ("tca_behaviours/coordination/model/machine.py", "tca_tools"),
 }

@@ -2,33 +2,28 @@
 
 from collections.abc import Sequence
 
+from tca_behaviours.activities import reports
 from tca_behaviours.activities.analysis import Demand, is_hyperbolic, liu_layland, response_bounds, utilisation
 from tca_behaviours.activities.processing.schedule import Processor, Schedule, ScheduledActivity
-from tca_behaviours.activities.reports import (
-    ActivityEntry,
-    ActivityFigures,
-    AllocationReport,
-    ApplicationFigures,
-    ProcessorEntry,
-    ProcessorFigures,
-)
 from tca_wire.text.measures import duration
 
 _RECENT, _RECENT_PERIODS = 10.0, 100
 """Seconds, and periods, for which a late tick overrules the analysis: the longer of the two."""
 
 
-def allocation_report(application: str, policy: str, is_running: bool, schedule: Schedule) -> AllocationReport:
+def allocation_report(application: str, policy: str, is_running: bool, schedule: Schedule) -> reports.AllocationReport:
     """How the activities are allocated."""
     processors = [
-        ProcessorEntry(one.name, one.priority, one.period, [_entry(each) for each in one.activities])
+        reports.ProcessorEntry(one.name, one.priority, one.period, [_entry(each) for each in one.activities])
         for one in schedule.processors
     ]
     unallocated = [_entry(one) for one in schedule.activities.values() if one.processor is None]
-    return AllocationReport(application, policy, is_running, processors, unallocated)
+    return reports.AllocationReport(application, policy, is_running, processors, unallocated)
 
 
-def application_figures(application: str, running_for: float, now: float, schedule: Schedule) -> ApplicationFigures:
+def application_figures(
+    application: str, running_for: float, now: float, schedule: Schedule
+) -> reports.ApplicationFigures:
     """What was measured, and what analysis says."""
     demands = [demand for one in schedule.processors if (demand := _demands(one.activities)) is not None]
     is_known = len(demands) == len(schedule.processors)
@@ -37,7 +32,7 @@ def application_figures(application: str, running_for: float, now: float, schedu
         _processor(schedule, one, bound, is_known, now) for one, bound in zip(schedule.processors, bounds, strict=True)
     ]
     verdicts = {one.is_schedulable for one in processors}
-    return ApplicationFigures(
+    return reports.ApplicationFigures(
         application,
         running_for,
         sum(one.load for one in processors),
@@ -58,19 +53,21 @@ def _demands(activities: Sequence[ScheduledActivity]) -> list[Demand] | None:
     return known if len(known) == len(activities) else None
 
 
-def _entry(one: ScheduledActivity) -> ActivityEntry:
-    return ActivityEntry(one.name, one.activity.component, one.period, one.activity.estimate)
+def _entry(one: ScheduledActivity) -> reports.ActivityEntry:
+    return reports.ActivityEntry(one.name, one.activity.component, one.period, one.activity.estimate)
 
 
-def _activity(one: ScheduledActivity) -> ActivityFigures:
+def _activity(one: ScheduledActivity) -> reports.ActivityFigures:
     did, left_out = one.execution, one.release.left_out
-    return ActivityFigures(
+    return reports.ActivityFigures(
         one.name, did.ticks, one.release.missed - left_out, left_out, did.errors, did.error, did.mean, did.longest,
         one.times.response, one.times.jitter,
     )  # fmt: skip
 
 
-def _processor(schedule: Schedule, one: Processor, bound: float | None, is_known: bool, now: float) -> ProcessorFigures:
+def _processor(
+    schedule: Schedule, one: Processor, bound: float | None, is_known: bool, now: float
+) -> reports.ProcessorFigures:
     """Measurement overrules analysis, unless the last late tick was long ago."""
     jitter = max((each.times.jitter for each in one.activities), default=0.0)
     margin = one.period - bound if bound is not None else None
@@ -82,7 +79,7 @@ def _processor(schedule: Schedule, one: Processor, bound: float | None, is_known
             took = f"{duration(late[1])} from due to done {duration(last_late)} ago"
             limit = f"the {'bound' if bound else 'period'} is {duration(bound or one.period)}"
             verdict, refuted = False, f"refuted by measurement: {took}; {limit}"
-    return ProcessorFigures(
+    return reports.ProcessorFigures(
         one.name, one.ticks, one.load.share(now), one.times.response, jitter, one.overruns, bound, margin, verdict,
         refuted, last_late,
     )  # fmt: skip

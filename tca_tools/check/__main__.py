@@ -58,7 +58,7 @@ def check(
     found = sorted(run.violations, key=lambda violation: violation.place)
     for line in (
         *head_lines(run, journal),
-        *verdict_lines(found, run.unbroken, misnamed, is_whole=run.is_whole),
+        *verdict_lines(run, misnamed),
         *violation_lines(found, journal, everything=everything),
     ):
         click.echo(line)

@@ -25,14 +25,14 @@ def failed(world: JournalWorld, task: MessageRecord, fact: facts.Failed) -> None
 
 def search(world: JournalWorld, task: MessageRecord, after: int) -> None:
     """Expect the search to find somebody with the same event."""
-    task.searches += (after,)
+    task.searches.append(after)
     world.later.append(lambda: _check_found(world, task))
 
 
 def _check_found(world: JournalWorld, task: MessageRecord) -> None:
     if task.searches and not task.is_killed:
         world.broken(CAUGHT, task, f"failed ({task.failure}), and that was neither caught nor called unhandled")
-    task.searches = ()
+    task.searches.clear()
 
 
 def _found(world: JournalWorld, task: MessageRecord, what: str) -> int:
@@ -41,9 +41,7 @@ def _found(world: JournalWorld, task: MessageRecord, what: str) -> int:
         if not task.is_stranger:
             world.broken(CAUGHT, task, f"{what}, and nothing failed")
         return BESIDE
-    first, *further = task.searches
-    task.searches = tuple(further)
-    return first
+    return task.searches.pop(0)
 
 
 def caught(world: JournalWorld, task: MessageRecord, fact: facts.Caught) -> None:
@@ -151,7 +149,7 @@ def handler_ended(world: JournalWorld, handler: MessageRecord) -> None:
     _deals_no_more(world, failing, handler.id)
     if failing.is_killed:
         return
-    failing.ended_handlers += (handler,)
+    failing.ended_handlers.append(handler)
     world.later.append(lambda: _check_recovered(world, failing))
 
 
@@ -165,7 +163,7 @@ def _check_recovered(world: JournalWorld, failing: MessageRecord) -> None:
     if failing.ended_handlers and not failing.is_killed:
         handler = failing.ended_handlers[0]
         world.broken(RECOVERED, failing, f"neither recovered nor failed on when {handler} had ended")
-    failing.ended_handlers = ()
+    failing.ended_handlers.clear()
 
 
 def recovered(world: JournalWorld, task: MessageRecord, _: facts.Recovered) -> None:
@@ -190,11 +188,7 @@ def not_resolved(world: JournalWorld, task: MessageRecord, fact: facts.NotResolv
 
 
 def _pop_ended(task: MessageRecord) -> MessageRecord | None:
-    if not task.ended_handlers:
-        return None
-    first, *further = task.ended_handlers
-    task.ended_handlers = tuple(further)
-    return first
+    return task.ended_handlers.pop(0) if task.ended_handlers else None
 
 
 def attached(world: JournalWorld, fact: facts.Attached) -> None:
@@ -236,7 +230,7 @@ def killed(world: JournalWorld, item: MessageRecord, _: facts.Killed) -> None:
         return
     item.is_void = True
     _deals_no_more(world, failing, item.id)
-    failing.searches += (item.id,)  # a killed exception handler has decided nothing: the search goes on
+    failing.searches.append(item.id)  # a killed exception handler has decided nothing: the search goes on
     what = "was killed, and nobody else was asked to deal with its failure"
     world.expect(lambda: item.id not in failing.searches or failing.is_killed, KILLED, item, what)
 

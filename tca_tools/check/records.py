@@ -120,9 +120,9 @@ class MessageRecord(MessageView):
     must_fail: bool = False  #: its handler failed, and the failure is still to be raised
     deciding: int = 0  #: the exception handler that decides what becomes of it
     recovering: tuple[int, ...] = ()  #: all exception handlers at work on it
-    searches: tuple[int, ...] = ()
+    searches: list[int] = field(default_factory=list)
     """Searches for exception handlers that must come: after which one (OWN and BESIDE: anew)."""
-    ended_handlers: "tuple[MessageRecord, ...]" = ()  #: exception handlers that have just ended
+    ended_handlers: "list[MessageRecord]" = field(default_factory=list)  #: exception handlers that have just ended
     has_resolved: bool = False  #: of an exception handler: it has said so, or asked for a retry
     is_void: bool = False  #: of an exception handler: it decides nothing any more
     invocations: dict[int, int] = field(default_factory=dict)  #: how often each attachment was called here

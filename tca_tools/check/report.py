@@ -4,8 +4,7 @@ from collections.abc import Iterator
 
 import click
 
-from tca_tools.check.checker import Checker
-from tca_tools.check.judge import Judge
+from tca_tools.check.checked_run import CheckedRun
 from tca_tools.check.rules import RULES, Violation
 from tca_tools.explain.story import story
 from tca_tools.journal.fold import History
@@ -22,34 +21,31 @@ _MOST_SHOWN = 100
 """Violations that ``--all`` shows; one breach of a rule may bring about thousands."""
 
 
-def head_lines(checker: Checker, journal: Log) -> Iterator[str]:
+def head_lines(run: CheckedRun, journal: Log) -> Iterator[str]:
     """The extent of the journal, and its unreadable parts."""
-    span = f"{checker.began:.2f} s to {checker.world.now:.2f} s"
-    numbers = f" (numbers {checker.first} to {checker.last})" if checker.events else ""
-    yield f"{printable(journal.name)}: {checker.facts:,} facts in {checker.events:,} entries{numbers}, {span}"
-    notes = [printable(gap) for gap in checker.gaps[:_MOST_GAPS]]
-    if len(checker.gaps) > _MOST_GAPS:
-        notes.append(f"and {len(checker.gaps) - _MOST_GAPS} more places like these")
-    if not checker.is_closed:
+    span = f"{run.began:.2f} s to {run.world.now:.2f} s"
+    numbers = f" (numbers {run.first} to {run.last})" if run.events else ""
+    yield f"{printable(journal.name)}: {run.facts:,} facts in {run.events:,} entries{numbers}, {span}"
+    notes = [printable(gap) for gap in run.gaps[:_MOST_GAPS]]
+    if len(run.gaps) > _MOST_GAPS:
+        notes.append(f"and {len(run.gaps) - _MOST_GAPS} more places like these")
+    if not run.is_closed:
         why = "central still runs" if journal.is_being_written else "central was stopped by force, or this is a copy"
         notes.append(f"it is not closed: {why}")
     yield from (click.style(f"  {note}", fg="yellow") for note in notes)
 
 
-def verdict_lines(
-    violations: list[Violation], unbroken: list[Judge], misnamed: dict[Property, str], *, is_whole: bool
-) -> Iterator[str]:
+def verdict_lines(run: CheckedRun, misnamed: dict[Property, str]) -> Iterator[str]:
     """The verdict, and the properties that say nothing. Of a journal with gaps it says only that no breach was seen."""
-    rules = {violation.rule for violation in violations if violation.source}
-    if rules:
-        yield f"{len(RULES) - len(rules)} of {len(RULES)} rules are kept"
+    if run.rules_kept < len(RULES):
+        yield f"{run.rules_kept} of {len(RULES)} rules are kept"
     else:
-        yield _good(f"{len(RULES)} rules", is_whole=is_whole)
-    for judge in unbroken:
+        yield _good(f"{len(RULES)} rules", is_whole=run.is_whole)
+    for judge in run.unbroken:
         idle = misnamed.get(judge.stated, judge.vacuous)
         note = click.style(f" (which says nothing: {printable(idle)})", fg="yellow") if idle else ""
         share = f" ({judge.counted})" if judge.counted and not idle else ""
-        yield _good(printable(str(judge.stated)) + share, is_whole=is_whole) + note
+        yield _good(printable(str(judge.stated)) + share, is_whole=run.is_whole) + note
 
 
 def _good(what: str, *, is_whole: bool) -> str:

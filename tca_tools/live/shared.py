@@ -44,15 +44,21 @@ def live_command(name: str, *, epilog: str | None = None) -> Callable[[Callable[
 
 
 @contextmanager
-def talking(command: str, central: str | None) -> Iterator[Client]:
-    """A client of central for one command. An error is wrong usage (exit code 2), or says that the answer is no (1)."""
+def as_usage() -> Iterator[None]:
+    """A block in which an error of the library is wrong usage (exit code 2), or says that the answer is no (1)."""
     try:
-        with connect(f"{COMMANDS}{command}", central, patience=_PATIENCE) as client:
-            yield client
+        yield
     except (MisuseError, BadData, BadFormat) as error:
         raise click.UsageError(in_one_line(error)) from None
     except TcaError as error:
         raise ToolError(in_one_line(error)) from None
+
+
+@contextmanager
+def talking(command: str, central: str | None) -> Iterator[Client]:
+    """A client of central for one command, with the errors of ``as_usage``."""
+    with as_usage(), connect(f"{COMMANDS}{command}", central, patience=_PATIENCE) as client:
+        yield client
 
 
 def in_one_line(error: Exception) -> str:

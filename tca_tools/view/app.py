@@ -21,7 +21,7 @@ from tca_tools.errors import ToolError
 from tca_tools.journal.coordinators import STANDINGS as PREVIEWED
 from tca_tools.journal.fates import HANDLED
 from tca_tools.tasktree_viz.dot import FILLS
-from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers, picture_answer
+from tca_tools.view import answers
 from tca_tools.view.guards import NotAllowed, guards
 from tca_tools.view.machines import machine_picture
 from tca_tools.view.outcomes import Outcomes
@@ -162,7 +162,7 @@ def _id(request: Request) -> int:
 
 
 def _numbers(request: Request, name: str) -> list[int]:
-    return numbers(request.query_params.get(name, ""))
+    return answers.numbers(request.query_params.get(name, ""))
 
 
 def _number(request: Request, name: str) -> int:
@@ -170,12 +170,12 @@ def _number(request: Request, name: str) -> int:
 
 
 _ANSWERS: dict[str, Callable[[Reading, Request], Any]] = {
-    "message/{id:int}": lambda read, asked: message_answer(read, _id(asked), _moment(asked)),
+    "message/{id:int}": lambda read, asked: answers.message_answer(read, _id(asked), _moment(asked)),
     "machine/{id:int}": lambda read, asked: machine_picture(read, _id(asked)),
-    "picture/{id:int}": lambda read, asked: picture_answer(read, _id(asked)),
-    "notes": lambda read, asked: notes_answer(read, _numbers(asked, "ids"), _moment(asked)),
-    "causes": lambda read, asked: causes_answer(read, _moment(asked)),
-    "messages": lambda read, asked: messages_answer(
+    "picture/{id:int}": lambda read, asked: answers.picture_answer(read, _id(asked)),
+    "notes": lambda read, asked: answers.notes_answer(read, _numbers(asked, "ids"), _moment(asked)),
+    "causes": lambda read, asked: answers.causes_answer(read, _moment(asked)),
+    "messages": lambda read, asked: answers.messages_answer(
         read, *(_number(asked, name) for name in ("place", "before", "after"))
     ),
 }

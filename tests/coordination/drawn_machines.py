@@ -256,11 +256,13 @@ class PlayedRun:
                 self._spoil(work.state)
             if work.phase is WorkPhase.RUNNING:
                 self.work.append(replace(work, phase=WorkPhase.STOPPING))
-        for start in decision.starts:
+        for state, share in decision.shares.items():
+            if any(one.state == state for one in self.work):
+                continue  # it runs at another speed
             self.started += 1
-            activity = self.machine.activities[start.state]
+            activity = self.machine.activities[state]
             assert all(self.now.get(name) == value for name, value in activity.needs.items())
-            self.work.append(EarlyWork(start.state, share=start.share))
+            self.work.append(EarlyWork(state, share=share))
             self.now = {name: value for name, value in self.now.items() if name not in activity.makes}
         assert all(objection.reason is not Reason.NOT_FORESEEN for objection in decision.refused)
 

@@ -26,7 +26,7 @@ from tca_behaviours.coordination import (
     progress_only,
 )
 from tca_behaviours.coordination.preview.branches import needed_later
-from tca_behaviours.coordination.preview.decide import Decision, EarlyWork, LookAhead, Present, Start, WorkPhase
+from tca_behaviours.coordination.preview.decide import Decision, EarlyWork, LookAhead, Present, WorkPhase
 from tca_module import Command, MisuseError, Variable
 from tca_wire.coordination import Foreseen, Objection, Reason
 
@@ -219,7 +219,7 @@ def test_limits_that_make_no_sense_are_refused(wrong: dict[str, float], told: st
 
 def test_the_arm_moves_while_the_base_is_under_way() -> None:
     decision = decided("going to B")
-    assert decision.starts == [Start(number("arm to B"))]
+    assert decision.shares == {number("arm to B"): 1.0}
     assert decision.refused == [
         Objection(number("dropping at B"), Reason.NEEDS, "arm"),
         Objection(number("tucking"), Reason.CONFLICT, "arm", number("arm to B")),
@@ -230,34 +230,34 @@ def test_the_arm_moves_while_the_base_is_under_way() -> None:
 
 def test_nothing_starts_before_its_utility_is_enough() -> None:
     early = decided("going to B", progress=0.4)
-    assert early.starts == []
+    assert early.shares == {}
     assert early.refused[0] == Objection(number("arm to B"), Reason.UTILITY, other=number("going to B"))
 
 
 def test_what_is_done_ahead_is_what_the_next_one_builds_on() -> None:
     facts: dict[str, Fact] = {"base": "B", "arm": "B", "holding": True}
     decision = decided("going to B", facts, [ahead("arm to B", WorkPhase.DONE)], is_done=True)
-    assert (decision.starts, decision.stops) == ([Start(number("dropping at B"))], [])
+    assert (decision.shares, decision.stops) == ({number("dropping at B"): 1.0}, [])
 
 
 def test_a_wrong_prediction_stops_the_arm_and_then_sends_it_elsewhere() -> None:
     without_arm: dict[str, Fact] = {"base": "A", "holding": True}
     occupied = decided("going to C", without_arm, [ahead("arm to B")])
     assert occupied.stops == [Objection(number("arm to B"), Reason.NOT_FORESEEN)]
-    assert occupied.starts == [], "the arm has not stopped yet"
+    assert occupied.shares == {}, "the arm has not stopped yet"
     assert occupied.refused[0] == Objection(number("arm to C"), Reason.CONFLICT, "arm", number("arm to B"))
 
     stopping = decided("going to C", without_arm, [ahead("arm to B", WorkPhase.STOPPING)])
-    assert (stopping.starts, stopping.stops) == ([], [])
+    assert (stopping.shares, stopping.stops) == ({}, [])
     assert stopping.refused[0] == Objection(number("arm to C"), Reason.CONFLICT, "arm", number("arm to B"))
 
-    assert decided("going to C", without_arm).starts == [Start(number("arm to C"))]
+    assert decided("going to C", without_arm).shares == {number("arm to C"): 1.0}
 
 
 def test_a_result_that_is_no_longer_foreseen_is_wasted_where_another_activity_makes_the_same() -> None:
     decision = decided("going to C", {**START, "arm": "B"}, [ahead("arm to B", WorkPhase.DONE)])
     assert decision.stops == [Objection(number("arm to B"), Reason.CONFLICT, "arm", number("arm to C"))]
-    assert decision.starts == [Start(number("arm to C"))]
+    assert decision.shares == {number("arm to C"): 1.0}
 
 
 def test_a_result_that_is_no_longer_foreseen_lasts_as_long_as_the_current_state() -> None:
@@ -308,7 +308,7 @@ def test_a_result_that_is_no_longer_foreseen_costs_no_look_at_the_whole_machine(
 def test_what_failed_ahead_is_left_to_its_turn() -> None:
     decision = decided("going to B", {"base": "A", "holding": True}, [ahead("arm to B", WorkPhase.FAILED)])
     assert decision.refused[0] == Objection(number("arm to B"), Reason.FAILED)
-    assert (decision.starts, decision.stops) == ([], [])
+    assert (decision.shares, decision.stops) == ({}, [])
 
 
 def watched(undo: bool) -> Coordination:
@@ -327,9 +327,9 @@ def watched(undo: bool) -> Coordination:
 
 def test_a_branch_that_needs_the_old_value_forbids_what_cannot_be_undone() -> None:
     refused = decided("going to B", machine=watched(undo=False))
-    assert refused.starts == []
+    assert refused.shares == {}
     assert refused.refused == [Objection(1, Reason.BRANCH, "arm", 2)]
-    assert decided("going to B", machine=watched(undo=True)).starts == [Start(1)]
+    assert decided("going to B", machine=watched(undo=True)).shares == {1: 1.0}
 
 
 def test_a_branch_may_fail_before_it_makes_a_variable_anew() -> None:
@@ -361,7 +361,7 @@ def test_nothing_is_built_on_work_that_may_be_in_vain() -> None:
     assert decided("arm to B", by_chance, spoilt=["arm"], is_done=True).refused[0] == Objection(
         number("dropping at B"), Reason.NEEDS, "arm"
     )
-    assert decided("arm to B", by_chance, is_done=True).starts == [Start(number("dropping at B"))]
+    assert decided("arm to B", by_chance, is_done=True).shares == {number("dropping at B"): 1.0}
 
 
 def test_what_is_being_restored_is_left_alone() -> None:
@@ -386,7 +386,7 @@ def lifting(**options: Any) -> Coordination:
 
 def test_an_activity_that_runs_may_change_what_it_needed() -> None:
     machine = lifting(undo=Do(MOVE_ARM, "home", ARM))
-    assert decided("going to B", machine=machine).starts == [Start(1)]
+    assert decided("going to B", machine=machine).shares == {1: 1.0}
     runs = decided("going to B", {"base": "A", "holding": True}, [EarlyWork(1)], machine=machine)
     assert (runs.stops, runs.refused) == ([], [])
 
@@ -427,12 +427,12 @@ def reaching(likelihood: Prior | None, event: str = "done", *, progress: bool = 
 def test_a_failure_begins_no_branch_when_it_is_impossible() -> None:
     """Nor does an activity without progress hold others back."""
     assert reaching(None).refused == [Objection(1, Reason.BRANCH, "arm", 3)]
-    assert reaching(Prior(0.0)).starts == [Start(1)]
+    assert reaching(Prior(0.0)).shares == {1: 1.0}
     assert reaching(Prior(0.0), progress=True).refused == [Objection(1, Reason.UTILITY, other=0)]
 
 
 def test_an_arrow_is_certain_beside_an_impossible_one() -> None:
-    assert reaching(Prior(0.0), "arrived").starts == [Start(1)]
+    assert reaching(Prior(0.0), "arrived").shares == {1: 1.0}
     assert reaching(None, "arrived").refused == [Objection(0, Reason.STEADY)], "that may never come"
 
 
@@ -451,7 +451,7 @@ def test_the_progress_before_passes_the_end_of_a_compound_but_no_wait() -> None:
         pause.to(grip, on="object seen", likelihood=Prior(0.9))
         grip.to(end)
     decision = decided("going to B", machine=machine)
-    assert decision.starts == [Start(reach.number)]
+    assert decision.shares == {reach.number: 1.0}
     arm_done = [EarlyWork(reach.number, WorkPhase.DONE)]
     decision = decided("going to B", {**START, "arm": "B"}, arm_done, machine=machine)
     assert decision.refused == [Objection(grip.number, Reason.UTILITY, other=pause.number)]
@@ -469,8 +469,8 @@ def test_the_cost_of_undoing_counts_where_a_branch_may_need_it() -> None:
         going.to(greet, on="somebody comes", likelihood=Prior(0.25))
         reach.to(end)
         greet.to(end)
-    assert decided("going to B", machine=machine, policy=policy, progress=0.5).starts == [], "0.375 - 0.25 * 0.4"
-    assert decided("going to B", machine=machine, policy=policy, progress=0.6).starts == [Start(1)]
+    assert decided("going to B", machine=machine, policy=policy, progress=0.5).shares == {}, "0.375 - 0.25 * 0.4"
+    assert decided("going to B", machine=machine, policy=policy, progress=0.6).shares == {1: 1.0}
 
 
 def test_the_agent_of_the_current_activity_is_its_own() -> None:
@@ -490,10 +490,10 @@ def test_the_agent_of_the_current_activity_is_its_own() -> None:
         grip.to(look)
     always = Discrete(0.0, progress_only)
     decision = decided("looking", machine=machine, policy=always)
-    assert (decision.starts, decision.refused) == ([Start(1)], [Objection(2, Reason.AGENT, "arm")])
+    assert (decision.shares, decision.refused) == ({1: 1.0}, [Objection(2, Reason.AGENT, "arm")])
     later = decided("looking", machine=machine, policy=always, work=[EarlyWork(2)])
     assert later.stops == [Objection(2, Reason.AGENT, "arm")], "an earlier one comes before one that runs"
-    assert later.starts == [], "but only when that has ended"
+    assert later.shares == {}, "but only when that has ended"
 
 
 # --- policies ----------------------------------------------------------------------------------------------------------
@@ -530,10 +530,10 @@ def test_speeds_follow_the_utility() -> None:
         reach.to(look)
         look.to(going)
     policy = Continuous(0.0, 1.0, progress_only)
-    assert decided("going to B", machine=machine, progress=0.35, policy=policy).starts == [Start(1, 0.3)]
+    assert decided("going to B", machine=machine, progress=0.35, policy=policy).shares == {1: 0.3}
     runs = [EarlyWork(1, share=0.3, progress=0.9)]
     decision = decided("going to B", machine=machine, progress=0.75, policy=policy, work=runs)
-    assert decision.speeds == [Start(1, 0.7)]
+    assert decision.shares == {1: 0.7}
     assert decision.refused == [Objection(2, Reason.UTILITY, other=1)], (
         "it has no slow way, so it waits for its full utility"
     )

@@ -382,7 +382,7 @@ def test_none_is_none_given(central: LocalCentral, sender: Client) -> None:
 PUBLIC: dict[str, type] = {
     f"{package.__name__}.{name}": thing
     for package in (tca_module, tca_tools.explore)
-    for name in package.__all__
+    for name in dir(package)
     if isinstance(thing := getattr(package, name), type)
 } | {"tca_module.testing.LocalCentral": LocalCentral}
 

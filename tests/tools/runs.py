@@ -6,7 +6,7 @@ from pathlib import Path
 from central.player import ANY, Player, before, point
 from central.transcript import Transcript
 
-from tca_tools.check.checker import Checker
+from tca_tools.check.checked_run import CheckedRun
 from tca_tools.check.rules import Violation
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
@@ -22,7 +22,7 @@ OPENED = Entry(0, 0.0, [facts.Opened(JOURNAL_VERSION, "epoch", 1, 1_700_000_000.
 
 def checked(entries: Iterable[Entry]) -> list[Violation]:
     """What is wrong with a journal."""
-    checker = Checker()
+    checker = CheckedRun()
     for entry in entries:
         checker.take(entry)
     checker.close()

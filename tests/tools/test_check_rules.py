@@ -22,7 +22,7 @@ from tca_central.order.holds import Holds
 from tca_central.requests import joining
 from tca_central.watching import taps
 from tca_tools.check import rules
-from tca_tools.check.checker import Checker
+from tca_tools.check.checked_run import CheckedRun
 from tca_wire.constraints import Constraint, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, kind_of
@@ -257,7 +257,7 @@ def test_a_clock_that_goes_back() -> None:
 
 
 def _gaps(entries: list[Entry]) -> tuple[list[str], list[str]]:
-    checker = Checker()
+    checker = CheckedRun()
     for entry in entries:
         checker.take(entry)
     checker.close()
@@ -303,7 +303,7 @@ def test_a_story_told_by_hand_is_seen_through() -> None:
 
 
 def test_what_ended_is_forgotten() -> None:
-    checker = Checker()
+    checker = CheckedRun()
     life = Life(Player(check=False))
     life.go_on(7, 1_500)
     for entry in [OPENED, *life.player.entries]:

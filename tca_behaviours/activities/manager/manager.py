@@ -6,15 +6,7 @@ from typing import Any
 
 from tca_behaviours.activities.application import POLICIES, Application
 from tca_behaviours.activities.components import Component, Region, RegionChange
-from tca_behaviours.activities.manager.messages import (
-    REFUSED,
-    ActivityMove,
-    ApplicationEntry,
-    ApplicationMessages,
-    ComponentEntry,
-    Control,
-    StatesReport,
-)
+from tca_behaviours.activities.manager import messages
 from tca_module import Callback, CentralLost, MisuseError, Module, Sender, Task, Timeout
 from tca_module.checks import check_known
 
@@ -32,10 +24,14 @@ class Manager:
     """Has an application known to central. *controls* are buttons for its page; *picture* draws its SVG."""
 
     def __init__(
-        self, application: Application, *, controls: Iterable[Control] = (), picture: Callable[[], str] | None = None
+        self,
+        application: Application,
+        *,
+        controls: Iterable[messages.Control] = (),
+        picture: Callable[[], str] | None = None,
     ) -> None:
         self.application = application
-        self.messages = ApplicationMessages(application.name)
+        self.messages = messages.ApplicationMessages(application.name)
         self._controls = list(controls)
         self._picture = picture
         self._drawn = ""
@@ -70,7 +66,7 @@ class Manager:
 
     # --- commands ---------------------------------------------------------------------------------------------------
 
-    def _move(self, move: ActivityMove) -> None:
+    def _move(self, move: messages.ActivityMove) -> None:
         if move.processor:
             self.application.move(move.activity, move.processor, move.position)
         else:
@@ -115,7 +111,7 @@ class Manager:
         self._is_behind = False
         name, components = self.application.name, self.application.components
         entries = [_component_entry(component) for component in components.values()]
-        entry = ApplicationEntry(name, self._module_name, entries, list(POLICIES), self._controls)
+        entry = messages.ApplicationEntry(name, self._module_name, entries, list(POLICIES), self._controls)
         self._drawn = ""
         sender.set_variable(self.messages.application, entry)
         self._publish_allocation(sender)
@@ -130,7 +126,7 @@ class Manager:
     def _publish_states(self, sender: Sender) -> None:
         changes = list(self._changes)
         states = {f"{region.component}.{region.name}": region.current for region in self._regions()}
-        sender.set_variable(self.messages.states, StatesReport(states, changes))
+        sender.set_variable(self.messages.states, messages.StatesReport(states, changes))
         for change in changes:  # none is forgotten before central has it
             if self._changes[0] is change:  # it has not given way to newer ones meanwhile
                 self._changes.popleft()
@@ -152,10 +148,10 @@ def _handler(step: Callable[[Any], object]) -> Callable[..., None]:
         try:
             step(data)
         except MisuseError as error:
-            raise REFUSED(text=str(error)) from None
+            raise messages.REFUSED(text=str(error)) from None
 
     return handle
 
 
-def _component_entry(component: Component[Any]) -> ComponentEntry:
-    return ComponentEntry(component.name, [region.chart for region in component.regions.values()])
+def _component_entry(component: Component[Any]) -> messages.ComponentEntry:
+    return messages.ComponentEntry(component.name, [region.chart for region in component.regions.values()])

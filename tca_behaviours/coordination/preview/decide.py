@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from math import isnan, nan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from tca_behaviours.coordination.model.activities import Activity
 from tca_behaviours.coordination.model.automaton import Automaton
@@ -60,22 +60,12 @@ class Present:
 
 
 @dataclass(frozen=True)
-class Start:
-    """The activity of a state, and the share of full speed at which it runs from now on."""
-
-    state: int
-    share: float = 1.0
-
-
-@dataclass(frozen=True)
 class Decision:
     """What follows from how a run stands."""
 
     preview: list[Foreseen]
-    starts: list[Start] = field(default_factory=list)
-    """Activities that start now, before their turn."""
-    speeds: list[Start] = field(default_factory=list)
-    """Activities that run ahead, and get another speed."""
+    shares: dict[int, float] = field(default_factory=dict)
+    """By state, the share of full speed of activities that start now, before their turn, or get another speed."""
     stops: list[Objection] = field(default_factory=list)
     """Early work that is of no use any more, whether it runs, is done or has failed."""
     refused: list[Objection] = field(default_factory=list)
@@ -99,12 +89,6 @@ class LookAhead(NamedTuple):
             decision.refused.append(Objection(present.current, Reason.STEADY))
         _Deciding(self, automaton, present, decision).decide()
         return decision
-
-    def data_at(self, activity: Activity, share: float, rank: int, otherwise: str) -> list[Any] | None:
-        """The data of an activity's tasks at a share of full speed and a rank; None if it has none. *otherwise*: what
-        becomes of it then, in words.
-        """
-        return self.mistakes.otherwise(None, f"{activity!r} {otherwise}", lambda: activity.data_at(share, rank))
 
 
 class _Deciding:
@@ -242,14 +226,13 @@ class _Deciding:
             return
         self.held.take(activity.tasks)
         self.running.add(state, activity.needs, activity.makes)
-        self.decision.starts.append(Start(state, share))
+        self.decision.shares[state] = share
 
     def _go_on(self, candidate: Candidate, activity: Activity) -> None:
-        state = candidate.state
-        objection = self._objection(state, activity, is_running=True)
+        objection = self._objection(candidate.state, activity, is_running=True)
         share = self._allotted_share(candidate, activity, objection, self.decision.stops)
         if share and share != candidate.share:
-            self.decision.speeds.append(Start(state, share))
+            self.decision.shares[candidate.state] = share
 
     def _allotted_share(
         self, candidate: Candidate, activity: Activity, objection: Objection | None, objections: list[Objection]

@@ -7,6 +7,7 @@ on as far as it can, and looks ahead anew.
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from tca_behaviours.coordination.model.interpreter import Interpreter, TakenArrow
@@ -138,16 +139,14 @@ class CoordinationRun:
         self._is_entered = True
 
     def _begin_ahead(self, decision: Decision) -> None:
-        if self._look_ahead is None:
-            return
-        shares = {one.state: one.share for one in (*decision.starts, *decision.speeds)}
         for state, rank in {one.state: rank for rank, one in enumerate(decision.preview, 1)}.items():
             work, activity = self._work.ahead(state), self._machine.states[state].activity
-            share = shares.get(state, work.share if work is not None else 0.0)
+            share = decision.shares.get(state, work.share if work is not None else 0.0)
             if activity is None or not share or (work is not None and (share, rank) == (work.share, work.rank)):
                 continue
             otherwise = "does not run early" if work is None else "runs on as it does"
-            data = self._look_ahead.data_at(activity, share, rank, otherwise)
+            make = partial(activity.data_at, share, rank)
+            data = self._mistakes.otherwise(None, f"{activity!r} {otherwise}", make)
             if data is None:
                 continue
             if work is None:

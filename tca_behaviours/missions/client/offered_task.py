@@ -78,7 +78,7 @@ class OfferedTask:
     def signature(self) -> inspect.Signature:
         """That of the function that runs it: all parameters by name."""
         kind = inspect.Parameter.KEYWORD_ONLY
-        named = [one for one in self.parameters if one.name.isidentifier() and not keyword.iskeyword(one.name)]
+        named = [one for one in self.parameters if is_name(one.name)]
         return inspect.Signature(
             [inspect.Parameter(one.name, kind, default=one.default, annotation=one.type) for one in named],
             return_annotation=TaskEnd,
@@ -107,6 +107,11 @@ class OfferedTask:
         except (BadData, TypeError, ValueError, RecursionError) as error:
             raise BadParameter(f"{self.name}(): {error}") from None
         return plain
+
+
+def is_name(text: str) -> bool:
+    """Whether it can be a name in Python."""
+    return text.isidentifier() and not keyword.iskeyword(text)
 
 
 def offered_tasks(messages: Iterable[MessageInfo]) -> Iterator[OfferedTask]:

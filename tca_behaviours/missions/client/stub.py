@@ -1,12 +1,11 @@
 """A Python file that tells editors and type checkers of the tasks of a server."""
 
 import inspect
-import keyword
 import re
 from ast import literal_eval
 from collections.abc import Iterable, Iterator
 
-from tca_behaviours.missions.client.offered_task import OfferedTask, TaskParameter
+from tca_behaviours.missions.client.offered_task import OfferedTask, TaskParameter, is_name
 
 MADE_BY = "Made by 'tca console --stub'"
 
@@ -54,12 +53,8 @@ def stub_text(server: str, tasks: Iterable[OfferedTask]) -> str:
             title=_in_docstring(server.replace("\n", " ")), server=server, made_by=MADE_BY, name=class_name(server)
         )
     ]
-    parts += [_method(task) for task in sorted(tasks, key=lambda task: task.name) if _is_name(task.name)]
+    parts += [_method(task) for task in sorted(tasks, key=lambda task: task.name) if is_name(task.name)]
     return "".join(parts if len(parts) > 1 else [*parts, "        pass\n"])
-
-
-def _is_name(text: str) -> bool:
-    return text.isidentifier() and not keyword.iskeyword(text)
 
 
 def _in_docstring(text: str) -> str:
@@ -92,7 +87,7 @@ def _parameters(task: OfferedTask, foreground: str) -> Iterator[str]:
     for one in task.parameters:
         if one.name == "foreground":
             yield f"foreground: {foreground}"
-        elif _is_name(one.name):
+        elif is_name(one.name):
             yield f"{one.name}: {_annotation(one)}"
 
 

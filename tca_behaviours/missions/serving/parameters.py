@@ -4,7 +4,7 @@ import inspect
 import json
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints, overload
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -13,6 +13,7 @@ from tca_wire.messages.formats import MISSION_TASK, Format
 
 T = TypeVar("T")
 
+_NONE: Any = msgspec.NODEFAULT  # as a default of whatever type the attribute has
 FIXED = "x-tca-fixed"
 """The key that a parameter's schema has if it can't be changed while the task runs."""
 
@@ -24,23 +25,14 @@ class Parameter(NamedTuple):
     meta: msgspec.Meta
 
 
-@overload
 def parameter(
-    default: T,
+    default: T = _NONE,
     description: str = "",
     *,
     minimum: float | None = None,
     maximum: float | None = None,
     fixed: bool = False,
-) -> T: ...
-@overload
-def parameter(
-    *, description: str = "", minimum: float | None = None, maximum: float | None = None, fixed: bool = False
-) -> Any: ...
-def parameter(
-    default: Any = msgspec.NODEFAULT, description: str = "", *, minimum: float | None = None,
-    maximum: float | None = None, fixed: bool = False,
-) -> Any:  # fmt: skip
+) -> T:
     """Declare a parameter of a task; without a default it must be given. One that is *fixed* can't be changed while
     the task runs.
 
@@ -49,9 +41,8 @@ def parameter(
         goal_x: float = parameter(0.0, "X coordinate of destination", minimum=0, maximum=11)
     """
     extra = {FIXED: True} if fixed else None
-    return Parameter(
-        default, msgspec.Meta(description=description or None, ge=minimum, le=maximum, extra_json_schema=extra)
-    )
+    meta = msgspec.Meta(description=description or None, ge=minimum, le=maximum, extra_json_schema=extra)
+    return cast("T", Parameter(default, meta))
 
 
 class Field:

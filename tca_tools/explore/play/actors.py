@@ -9,10 +9,10 @@ from msgspec.structs import replace
 from tca_module.session.request import WAITS_FOR_OTHERS
 from tca_tools.explore.play.identifiers import MessageId, RequestNumber
 from tca_tools.explore.play.inbox import SlotInbox
+from tca_tools.explore.scenario import steps
 from tca_tools.explore.scenario.scenario import ScenarioModule
 from tca_tools.explore.scenario.script import Program
 from tca_tools.explore.scenario.script_connection import CANCELLED, SUSPENDED
-from tca_tools.explore.scenario.steps import OWN, Await, Branch, Given, Got, Owe, ReadWish, Step, known, place_of
 from tca_wire.packets.headers import Lock
 from tca_wire.points import TaskId
 
@@ -24,7 +24,7 @@ class OpenRequest:
         self.number = number
         self.header = header
         self.wants_answer = True
-        self.unread: deque[Got] = deque()
+        self.unread: deque[steps.Got] = deque()
         self.is_over = False  #: nothing more comes
         self.taken = ""  #: of a lock that was granted: how it was lost
 
@@ -32,7 +32,7 @@ class OpenRequest:
 class Actor:
     """A script under way."""
 
-    def __init__(self, program: Program, given: Given, delivery: int = 0, task: TaskId = TaskId(0)) -> None:  # noqa: B008
+    def __init__(self, program: Program, given: steps.Given, delivery: int = 0, task: TaskId = TaskId(0)) -> None:  # noqa: B008
         self.program = program
         self.delivery = delivery  #: that it handles; 0: none, a module does this by itself
         self.task = task  #: that it handles; 0: none
@@ -40,7 +40,7 @@ class Actor:
         self.life = program.beginning(given)
         self.requests: dict[int, OpenRequest] = {}  #: by place; those of which nothing more can come are left out
         self.asked = 0  #: how many there were
-        self.step: Step | None = None  #: that it is waiting to get something for
+        self.step: steps.Step | None = None  #: that it is waiting to get something for
         self.number = RequestNumber(0)  #: of what it has just asked
         self.late_at: float | None = None  #: when it waits no longer
         self.is_told = False  #: that its task was killed
@@ -48,21 +48,21 @@ class Actor:
         self.was_told = False  #: one of these, when it last got something
         self.knows = False  #: that its task was killed: it has read that, or was woken
         self.knows_end = False  #: that its module ends, in the same way
-        self.wishes: deque[Got] = deque()  #: of clients, that it has not read
+        self.wishes: deque[steps.Got] = deque()  #: of clients, that it has not read
         self.uses: deque[str] = deque()  #: of the reply that it leaves to others, in their words
         self.suspended: tuple[bool, ...] = (False,)  #: the news of that since it last got something
 
     @property
-    def branches(self) -> tuple[Branch, ...]:
+    def branches(self) -> tuple[steps.Branch, ...]:
         """How it may go on. Raises ScenarioError."""
         return self.program.branches(self.life)
 
     @property
     def awaited(self) -> OpenRequest | None:
         """The request whose answer it waits for."""
-        return self.requests[self.step.request] if isinstance(self.step, Await) else None
+        return self.requests[self.step.request] if isinstance(self.step, steps.Await) else None
 
-    def may_take(self, branch: Branch) -> bool:
+    def may_take(self, branch: steps.Branch) -> bool:
         """Whether *branch* reads of a kill, and of its suspension, only what it can have been told."""
         read = [got.choice for got in branch.decisions if got.kind == CANCELLED]
         if not ((self.is_told or self.is_ending or 1 not in read) and (not self.was_told or 0 not in read)):
@@ -83,10 +83,10 @@ class Actor:
     def _is_woken_by_kill(self) -> bool:
         return self.is_told and not self.knows
 
-    def wish(self, got: Got) -> None:
+    def wish(self, got: steps.Got) -> None:
         """A client wants something of its task."""
         self.wishes.append(got)
-        if isinstance(self.step, ReadWish):
+        if isinstance(self.step, steps.ReadWish):
             self.get(self.wishes.popleft())
 
     def wake_from_look(self) -> None:
@@ -94,17 +94,17 @@ class Actor:
         owes its reply, that has failed when its module ends.
         """
         by_kill, by_end = self.is_told and not self.knows, self.is_ending and not self.knows_end
-        if isinstance(self.step, ReadWish) and (by_kill or by_end):
+        if isinstance(self.step, steps.ReadWish) and (by_kill or by_end):
             self.learn()
-            self.get(Got(self.step.kind, is_woken=True, module_ends=not by_kill))
-        elif isinstance(self.step, Owe) and self.is_ending:
-            self.get(Got(self.step.kind, module_ends=True))
+            self.get(steps.Got(self.step.kind, is_woken=True, module_ends=not by_kill))
+        elif isinstance(self.step, steps.Owe) and self.is_ending:
+            self.get(steps.Got(self.step.kind, module_ends=True))
 
     def use(self, *words: str) -> None:
         """Others say these *words* of the reply that it leaves to them."""
         self.uses.extend(words)
-        if isinstance(self.step, Owe) and self.uses:
-            self.get(Got(self.step.kind, words=self.uses.popleft()))
+        if isinstance(self.step, steps.Owe) and self.uses:
+            self.get(steps.Got(self.step.kind, words=self.uses.popleft()))
         self.wake_from_look()
 
     def learn(self) -> None:
@@ -125,11 +125,11 @@ class Actor:
 
     def read(self) -> None:
         """It gets the answer that is there to what it waits for, or is woken."""
-        assert isinstance(self.step, Await)
+        assert isinstance(self.step, steps.Await)
         place = self.step.request
         request = self.requests[place]
         if self.is_woken_from(request):
-            answer = request.unread.popleft() if request.unread else Got(self.step.kind)
+            answer = request.unread.popleft() if request.unread else steps.Got(self.step.kind)
             answer = replace(answer, is_woken=True, module_ends=not self._is_woken_by_kill)
             self.learn()
             self.get(answer)
@@ -138,13 +138,13 @@ class Actor:
         if request.is_over and not request.unread and not isinstance(request.header, Lock):  # one can be given back
             del self.requests[place]
 
-    def lives(self, *got: Got) -> None:
+    def lives(self, *got: steps.Got) -> None:
         """That is part of its life now."""
         if any(one.kind == CANCELLED and one.choice for one in got):
             self.learn()
         self.life = self.program.live(self.life, *got)
 
-    def get(self, got: Got) -> None:
+    def get(self, got: steps.Got) -> None:
         """Something came back for its step."""
         self.lives(got)
         self.step, self.number, self.late_at = None, RequestNumber(0), None
@@ -158,18 +158,18 @@ class Actor:
 
     def real(self, name: int) -> TaskId:
         """Central's id of what the script names."""
-        if name == OWN:
+        if name == steps.OWN:
             return self.task
-        return self.known[place_of(name)] if name < OWN else TaskId(name)
+        return self.known[steps.place_of(name)] if name < steps.OWN else TaskId(name)
 
     def name(self, real: int) -> TaskId:
         """The script's name for what central calls so."""
         if not real or real == self.task:
-            return OWN if real else TaskId(0)
+            return steps.OWN if real else TaskId(0)
         task = TaskId(MessageId(real))
         if task not in self.known:
             self.known.append(task)
-        return known(self.known.index(task))
+        return steps.known(self.known.index(task))
 
 
 class ModuleLine:
@@ -196,7 +196,7 @@ class ModuleLine:
     def actor(self) -> Actor | None:
         """Whose turn it is: the newest that has begun or, where that one waits, the next."""
         newest = self.stack[-1] if self.stack else None
-        if self.delivered and (newest is None or isinstance(newest.step, Await)):
+        if self.delivered and (newest is None or isinstance(newest.step, steps.Await)):
             return self.delivered[0]
         return newest
 

@@ -17,22 +17,9 @@ from tca_tools.explore.observed.world import TakenRequest
 from tca_tools.explore.play.actors import Actor, ModuleLine, OpenRequest
 from tca_tools.explore.play.identifiers import MessageId, RequestNumber, numbers_shown, renamed, renamed_rows
 from tca_tools.explore.play.inbox import SlotInbox
+from tca_tools.explore.scenario import steps
 from tca_tools.explore.scenario.requests import call_of
 from tca_tools.explore.scenario.scenario import Scenario
-from tca_tools.explore.scenario.steps import (
-    Ask,
-    Await,
-    Fail,
-    Given,
-    GiveUp,
-    Got,
-    Hang,
-    Know,
-    Owe,
-    ReadWish,
-    Return,
-    UseKept,
-)
 from tca_wire.journal.facts import Entry, Fact, Ignored, RequestRefused
 from tca_wire.messages.controls import Monitor
 from tca_wire.messages.failures import MODULE_LOST
@@ -42,7 +29,7 @@ from tca_wire.points import TaskId
 
 OBSERVER = ConnectionId(b"observer")
 """The connection of the module that is told of all states."""
-_AWAITED, _LOOK = Await(0).kind, ReadWish().kind
+_AWAITED, _LOOK = steps.Await(0).kind, steps.ReadWish().kind
 
 
 class Exchange:
@@ -164,18 +151,18 @@ class Exchange:
             if len(branches) != 1 or branches[0].decisions:
                 return
             step = branches[0].step
-            if isinstance(step, Await | Owe):
+            if isinstance(step, steps.Await | steps.Owe):
                 actor.step = step
                 self.take(line, actor)
-            elif isinstance(step, Know):
+            elif isinstance(step, steps.Know):
                 actor.learn()
-                actor.get(Got(step.kind))
-            elif isinstance(step, Return) and not actor.delivery:
+                actor.get(steps.Got(step.kind))
+            elif isinstance(step, steps.Return) and not actor.delivery:
                 self._end(line)
             else:
                 return
 
-    def _ask(self, line: ModuleLine, actor: Actor, step: Ask) -> None:
+    def _ask(self, line: ModuleLine, actor: Actor, step: steps.Ask) -> None:
         self._declare(line, step)
         if isinstance(step.header, headers.Lock):
             self._check_lock(step.header)
@@ -183,13 +170,13 @@ class Exchange:
         if getattr(header, "origin", 0):
             header = replace(header, origin=actor.delivery)
         if step.is_told:
-            actor.get(Got(step.kind))
+            actor.get(steps.Got(step.kind))
         else:
             number = self.next_number()
             header = replace(header, number=number)
             if step.wants_answer:
                 actor.ask(OpenRequest(number, header))
-                actor.get(Got(step.kind))
+                actor.get(steps.Got(step.kind))
             else:
                 actor.number = number
         if not any(map(_declines, self.receive(line.name, header, step.body))):
@@ -207,7 +194,7 @@ class Exchange:
                 f"modules {', '.join(owners)} have a resource '{header.resource}': say which with module="
             )
 
-    def _declare(self, line: ModuleLine, step: Ask) -> None:
+    def _declare(self, line: ModuleLine, step: steps.Ask) -> None:
         """A module declares a message when it first uses it."""
         is_conditional = getattr(step.header, "if_handled", False)
         registry = self.central.registry.messages
@@ -221,26 +208,26 @@ class Exchange:
         if new:
             self.receive(line.name, headers.Register(self.next_number(), new))
 
-    def _await(self, _line: ModuleLine, actor: Actor, step: Await | ReadWish) -> None:
+    def _await(self, _line: ModuleLine, actor: Actor, step: steps.Await | steps.ReadWish) -> None:
         actor.late_at = None if step.seconds is None else self.now + step.seconds
 
-    def _look(self, line: ModuleLine, actor: Actor, step: ReadWish) -> None:
+    def _look(self, line: ModuleLine, actor: Actor, step: steps.ReadWish) -> None:
         """A script reads what a client wants of its task."""
         if actor.wishes:
             actor.get(actor.wishes.popleft())
         elif not step.waits:
-            actor.get(Got(step.kind))
+            actor.get(steps.Got(step.kind))
         else:
             self._await(line, actor, step)
             actor.wake_from_look()
 
     def _get_requested(self, line: ModuleLine, header: Requested, body: bytes) -> None:
         for actor in _handlers(line, header.delivery):
-            actor.wish(Got(_LOOK, text=header.text, body=body, choice=header.serial, words=header.transition))
+            actor.wish(steps.Got(_LOOK, text=header.text, body=body, choice=header.serial, words=header.transition))
 
-    def _give_up(self, line: ModuleLine, actor: Actor, step: GiveUp) -> None:
+    def _give_up(self, line: ModuleLine, actor: Actor, step: steps.GiveUp) -> None:
         request = actor.requests.pop(step.request)
-        actor.get(Got(step.kind, text=request.taken))
+        actor.get(steps.Got(step.kind, text=request.taken))
         self.receive(line.name, headers.GiveUp(request.number))
 
     def _end(self, line: ModuleLine) -> None:
@@ -249,7 +236,7 @@ class Exchange:
         if self.scenario.has_messages_ahead:
             self.lived[line.name] = actor.digest(self.lived.get(line.name))
 
-    def _return(self, line: ModuleLine, actor: Actor, step: Return) -> None:
+    def _return(self, line: ModuleLine, actor: Actor, step: steps.Return) -> None:
         self._end(line)
         if actor.delivery:
             self._reply(line, actor, step.body)
@@ -261,7 +248,7 @@ class Exchange:
         else:
             self.receive(line.name, headers.Reply(actor.delivery), body)
 
-    def _fail(self, line: ModuleLine, actor: Actor, step: Fail) -> None:
+    def _fail(self, line: ModuleLine, actor: Actor, step: steps.Fail) -> None:
         self._end(line)
         if actor.delivery and step.was_killed and (actor.is_told or actor.is_ending):
             actor.learn()
@@ -272,14 +259,14 @@ class Exchange:
         elif not line.run.is_joined:
             raise ScenarioError(f"an error here ends the module: {step.failure}: {step.text}")
 
-    def _use_kept(self, line: ModuleLine, actor: Actor, step: UseKept) -> None:
+    def _use_kept(self, line: ModuleLine, actor: Actor, step: steps.UseKept) -> None:
         """The handlers' own scripts do that, some time later."""
         for one in (one for each in line.run.lines for one in each.stack):
             if one.program is line.run.module.handlers.get(step.message):
                 one.use(step.words)
-        actor.get(Got(step.kind))
+        actor.get(steps.Got(step.kind))
 
-    def _hang(self, _line: ModuleLine, _actor: Actor, _step: Hang) -> None:
+    def _hang(self, _line: ModuleLine, _actor: Actor, _step: steps.Hang) -> None:
         """It never gets anything for that step."""
 
     # --- answers ------------------------------------------------------------------------------------------------------
@@ -287,9 +274,9 @@ class Exchange:
     def _get_delivery(self, line: ModuleLine, header: headers.Deliver, body: bytes) -> None:
         program = line.run.module.handlers[header.message]
         accepts = any(one.accepts for one in line.run.module.formats if one.message == header.message)
-        actor = Actor(program, Given(body, bool(header.task), accepts), header.delivery, header.task)
+        actor = Actor(program, steps.Given(body, bool(header.task), accepts), header.delivery, header.task)
         context = renamed(header.context, actor.name)
-        actor.life = program.beginning(Given(body, bool(header.task), accepts, context))
+        actor.life = program.beginning(steps.Given(body, bool(header.task), accepts, context))
         actor.suspended = (header.suspended,)
         if line.run.is_leaving:
             actor.be_told(module_ends=True)
@@ -297,24 +284,24 @@ class Exchange:
 
     def _get_accepted(self, line: ModuleLine, header: headers.Accepted, _: bytes) -> None:
         for actor in line.actors:
-            if header.number and actor.number == header.number and isinstance(actor.step, Ask):
+            if header.number and actor.number == header.number and isinstance(actor.step, steps.Ask):
                 is_change = isinstance(actor.step.header, ChangeState)  # its answer is a number of changes
                 made = TaskId(bool(header.id)) if is_change else actor.name(header.id)
-                actor.get(Got(actor.step.kind, id=made))
-        self._answer(line, header.number, Got(_AWAITED, id=TaskId(0)))
+                actor.get(steps.Got(actor.step.kind, id=made))
+        self._answer(line, header.number, steps.Got(_AWAITED, id=TaskId(0)))
 
     def _get_refused(self, line: ModuleLine, header: headers.Refused, _: bytes) -> None:
         for actor in line.actors:
-            if header.number and actor.number == header.number and isinstance(actor.step, Ask):
-                actor.get(Got(actor.step.kind, header.refusal, header.text))
+            if header.number and actor.number == header.number and isinstance(actor.step, steps.Ask):
+                actor.get(steps.Got(actor.step.kind, header.refusal, header.text))
                 return
-        if not self._answer(line, header.number, Got(_AWAITED, header.refusal, header.text)) and header.number:
+        if not self._answer(line, header.number, steps.Got(_AWAITED, header.refusal, header.text)) and header.number:
             raise ScenarioError(f"{line.run.name}: {header.text}")
 
     def _get_answer(self, line: ModuleLine, header: headers.Answer, body: bytes) -> None:
-        self._answer(line, header.number, Got(_AWAITED, answer=replace(header, number=0), body=body))
+        self._answer(line, header.number, steps.Got(_AWAITED, answer=replace(header, number=0), body=body))
 
-    def _answer(self, line: ModuleLine, number: int, got: Got) -> bool:
+    def _answer(self, line: ModuleLine, number: int, got: steps.Got) -> bool:
         """Whether somebody wanted that answer."""
         for actor, request in _requests(line, number):
             if not request.is_over:
@@ -366,15 +353,15 @@ def _declines(effect: Effect) -> bool:
 
 # ruff: noqa: SLF001
 _TAKE: dict[type, Callable[[Exchange, ModuleLine, Actor, Any], None]] = {
-    Ask: Exchange._ask,
-    Await: Exchange._await,
-    ReadWish: Exchange._look,
-    GiveUp: Exchange._give_up,
-    Return: Exchange._return,
-    Fail: Exchange._fail,
-    Hang: Exchange._hang,
-    Owe: lambda _exchange, _line, actor, _step: actor.use(),
-    UseKept: Exchange._use_kept,
+    steps.Ask: Exchange._ask,
+    steps.Await: Exchange._await,
+    steps.ReadWish: Exchange._look,
+    steps.GiveUp: Exchange._give_up,
+    steps.Return: Exchange._return,
+    steps.Fail: Exchange._fail,
+    steps.Hang: Exchange._hang,
+    steps.Owe: lambda _exchange, _line, actor, _step: actor.use(),
+    steps.UseKept: Exchange._use_kept,
 }
 _GET: dict[type, Callable[[Exchange, ModuleLine, Any, bytes], None]] = {
     headers.Deliver: Exchange._get_delivery,

@@ -194,20 +194,15 @@ class Play(Exchange):
         except ScenarioError as error:
             raise ScenarioError(f"{actor.program.place(life, branch)}: {error}") from None
 
+    def inbox(self, action: Action) -> SlotInbox:
+        """That of the slot with messages ahead to which something happens."""
+        inbox = self.lines[action.name].inbox
+        assert inbox is not None
+        return inbox
+
     def _hear(self, action: Action) -> None:
-        line = self.lines[action.name]
-        assert line.inbox is not None
-        self.hear(line, line.inbox, *line.inbox.under_way.popleft())
-
-    def _answer_all(self, action: Action) -> None:
-        line = self.lines[action.name]
-        assert line.inbox is not None
-        self.post(line.name, line.inbox)
-
-    def _begin(self, action: Action) -> None:
-        line = self.lines[action.name]
-        assert line.inbox is not None
-        self.begin_next(line, line.inbox)
+        inbox = self.inbox(action)
+        self.hear(self.lines[action.name], inbox, *inbox.under_way.popleft())
 
     def _pass_time(self, _: Action) -> None:
         assert self.next_time is not None
@@ -319,11 +314,11 @@ class Play(Exchange):
 
 
 # ruff: noqa: SLF001
-_PERFORM: dict[ActionKind, Callable[[Play, Action], None]] = {
+_PERFORM: dict[ActionKind, Callable[[Play, Action], object]] = {
     ActionKind.STEP: Play._take_step,
     ActionKind.HEAR: Play._hear,
-    ActionKind.BEGIN: Play._begin,
-    ActionKind.ANSWER: Play._answer_all,
+    ActionKind.BEGIN: lambda play, action: play.begin_next(play.lines[action.name], play.inbox(action)),
+    ActionKind.ANSWER: lambda play, action: play.post(action.name, play.inbox(action)),
     ActionKind.TIME: Play._pass_time,
     ActionKind.LATE: Play._be_late,
     ActionKind.JOIN: lambda play, action: play._join(play.runs[action.name]),

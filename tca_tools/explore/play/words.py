@@ -7,9 +7,9 @@ from tca_tools.check.records import MessageRecord
 from tca_tools.explore.play.actors import Actor, ModuleLine
 from tca_tools.explore.play.identifiers import renamed
 from tca_tools.explore.play.play import Action, ActionKind, Play, Waiting
+from tca_tools.explore.scenario import steps
 from tca_tools.explore.scenario.requests import RequestWording
 from tca_tools.explore.scenario.script_connection import CHOOSE
-from tca_tools.explore.scenario.steps import Ask, Await, Fail, GiveUp, Hang, Know, Owe, ReadWish, Return, Step, UseKept
 from tca_wire.packets import headers
 from tca_wire.points import describe_moments
 
@@ -55,17 +55,13 @@ def _step(play: Play, action: Action) -> str:
 
 
 def _hear(play: Play, action: Action) -> str:
-    inbox = play.lines[action.name].inbox
-    assert inbox is not None
-    header, _ = inbox.under_way[0]
+    header, _ = play.inbox(action).under_way[0]
     named = [header.delivery] if isinstance(header, headers.Deliver) else getattr(header, "deliveries", [])
     return f"{action.name} hears {type(header).__name__} {', '.join(_name(play, one) for one in named)}".rstrip()
 
 
 def _begin(play: Play, action: Action) -> str:
-    inbox = play.lines[action.name].inbox
-    assert inbox is not None
-    header, _ = inbox.session.ahead[0]
+    header, _ = play.inbox(action).session.ahead[0]
     return f"{action.name} begins with {_name(play, header.delivery)}, which it has ahead"
 
 
@@ -122,21 +118,21 @@ def _who(line: ModuleLine, actor: Actor, play: Play) -> str:
     return f"{line.run.name} in {_name(play, actor.task or actor.delivery)}" if actor.delivery else line.run.name
 
 
-def _doing(play: Play, actor: Actor, step: Step | None) -> str:
-    if isinstance(step, Ask):
+def _doing(play: Play, actor: Actor, step: steps.Step | None) -> str:
+    if isinstance(step, steps.Ask):
         declared = {message.name: message.message_class for message in step.declares}
         header = renamed(step.header, actor.real)
         return _wording(play).request(header, step.body, declared.get(getattr(header, "message", "")))
-    if isinstance(step, Await):
+    if isinstance(step, steps.Await):
         return _waiting(play, actor, step)
-    if isinstance(step, GiveUp):
+    if isinstance(step, steps.GiveUp):
         return _give_up(actor, step)
     return _wording(play).filled(_STEPS[type(step)], step)
 
 
-def _waiting(play: Play, actor: Actor, step: Step | None) -> str:
+def _waiting(play: Play, actor: Actor, step: steps.Step | None) -> str:
     """The wait of an actor at that step, in words."""
-    if not isinstance(step, Await):
+    if not isinstance(step, steps.Await):
         return _doing(play, actor, step)
     header = actor.requests[step.request].header
     if isinstance(header, headers.AwaitPoint | headers.Lock | headers.WaitUntilHandled):
@@ -144,20 +140,20 @@ def _waiting(play: Play, actor: Actor, step: Step | None) -> str:
     return f"waits for the answer to {play.central.registry.messages[header.message].message_class} {header.message}"
 
 
-def _give_up(actor: Actor, step: GiveUp) -> str:
+def _give_up(actor: Actor, step: steps.GiveUp) -> str:
     request = actor.requests[step.request]
     is_held = isinstance(request.header, headers.Lock) and request.is_over
     return f"releases {request.header.resource}" if is_held else "wants no answer any more"
 
 
 _STEPS: dict[type, str] = {
-    Know: "gets an error",
-    Return: "returns",
-    Fail: "[reissue?reissues its failure|fails: {failure}]",
-    ReadWish: "[waits?waits for|looks at] what clients want",
-    Owe: "owes its reply",
-    UseKept: "uses the kept replies to {message}",
-    Hang: "never goes on",
+    steps.Know: "gets an error",
+    steps.Return: "returns",
+    steps.Fail: "[reissue?reissues its failure|fails: {failure}]",
+    steps.ReadWish: "[waits?waits for|looks at] what clients want",
+    steps.Owe: "owes its reply",
+    steps.UseKept: "uses the kept replies to {message}",
+    steps.Hang: "never goes on",
 }
 """The phrase of each step that is no request."""
 

@@ -77,12 +77,15 @@ _WATCH = "[, every {period:seconds}][, for {duration:seconds}]"
 
 def call_of(header: Any) -> str:
     """The call of the module library by which a script asked for that: one of CALLS."""
-    call = _CALLS[type(header)]
-    return call if isinstance(call, str) else call[bool(getattr(header, _SECOND[type(header)]))]
+    calls = _CALLS[type(header)]
+    if isinstance(calls, str):
+        return calls
+    first, second, is_second = calls
+    return second if getattr(header, is_second) else first
 
 
-_CALLS: dict[type, str | tuple[str, str]] = {
-    headers.Send: ("send", "on_termination"),
+_CALLS: dict[type, str | tuple[str, str, str]] = {
+    headers.Send: ("send", "on_termination", "when_killed"),
     headers.Constrain: "constrain",
     headers.AwaitPoint: "wait_for",
     headers.Kill: "kill",
@@ -92,29 +95,22 @@ _CALLS: dict[type, str | tuple[str, str]] = {
     headers.Raise: "fail",
     headers.Retry: "retry",
     headers.Resolve: "resolved",
-    headers.Suspend: ("suspend", "resume"),
+    headers.Suspend: ("suspend", "resume", "resume"),
     headers.Deadline: "deadline",
     headers.Inspect: "inspect",
-    headers.Keep: ("keep", "release"),
+    headers.Keep: ("keep", "release", "release"),
     headers.Fire: "fire",
     headers.EndMonitor: "end",
     headers.GetVariable: "get_variable",
-    headers.SetVariable: ("set_variable", "swap_variable"),
-    headers.Lock: ("lock", "reserve"),
+    headers.SetVariable: ("set_variable", "swap_variable", "swap"),
+    headers.Lock: ("lock", "reserve", "reserve"),
     headers.Unlock: "unlock",
     headers.WaitUntilHandled: "wait_until_handled",
     ChangeState: "take",
 }
-_SECOND: dict[type, str] = {
-    headers.Send: "when_killed",
-    headers.Suspend: "resume",
-    headers.Keep: "release",
-    headers.SetVariable: "swap",
-    headers.Lock: "reserve",
-}
-"""By what the second of two calls is known."""
+"""The call of each request; or two calls, and the field that is set by the second."""
 
-CALLS = tuple(call for one in _CALLS.values() for call in ((one,) if isinstance(one, str) else one))
+CALLS = tuple(call for one in _CALLS.values() for call in ((one,) if isinstance(one, str) else one[:2]))
 """The requests that a script can make. "send" stands for all that is sent: goal(), query(), inform(), monitor(), ..."""
 
 

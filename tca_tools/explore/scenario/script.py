@@ -20,6 +20,7 @@ from tca_module.sending.sender import Sender
 from tca_module.sending.task import Task as ModuleTask
 from tca_module.sending.task_requests import TaskRequest
 from tca_tools.explore.errors import ExplorerError, ScenarioError
+from tca_tools.explore.scenario import steps
 from tca_tools.explore.scenario.argument_checks import as_scenario_error
 from tca_tools.explore.scenario.script_connection import (
     CHOOSE,
@@ -27,19 +28,6 @@ from tca_tools.explore.scenario.script_connection import (
     DecisionReached,
     ScriptConnection,
     StepReached,
-)
-from tca_tools.explore.scenario.steps import (
-    HERE,
-    OWN,
-    Branch,
-    Fail,
-    Given,
-    Got,
-    History,
-    Return,
-    ScriptRun,
-    Step,
-    UseKept,
 )
 from tca_tools.explore.scenario.worker_thread import leave_behind
 from tca_wire.errors import BadData
@@ -79,7 +67,7 @@ class _Choices:
         """Use what this module's handlers of *message* keep with ``keep_reply``, or will, if they have begun.
         *words* say how.
         """
-        self._explored.do(UseKept(message.name, words))
+        self._explored.do(steps.UseKept(message.name, words))
 
 
 class Script(_Choices, Sender):
@@ -96,8 +84,8 @@ class Script(_Choices, Sender):
 class Task(_Choices, ModuleTask):
     """The task of a handler: the module library's Task, and choices."""
 
-    def __init__(self, link: ScriptConnection, given: Given, message: Message[Any, Any]) -> None:
-        delivery = headers.Deliver(HERE, message.name, OWN if given.is_task else ROOT, given.context)
+    def __init__(self, link: ScriptConnection, given: steps.Given, message: Message[Any, Any]) -> None:
+        delivery = headers.Deliver(steps.HERE, message.name, steps.OWN if given.is_task else ROOT, given.context)
         ModuleTask.__init__(self, cast("Connection", link), delivery, message)
         self._accepts = given.accepts
         self._explored = link
@@ -128,35 +116,35 @@ class Program:
         self.message = message  #: None: what a module does by itself
         self._function = function
         self._arguments = _number_of_arguments(name, function, "(task, data)" if message else "(me)")
-        self._beginnings: dict[Given, ScriptRun] = {}
+        self._beginnings: dict[steps.Given, steps.ScriptRun] = {}
         self._numbers = count()
 
-    def beginning(self, given: Given) -> ScriptRun:
+    def beginning(self, given: steps.Given) -> steps.ScriptRun:
         """The life of a script that was given this and has got nothing yet."""
         if given not in self._beginnings:
-            self._beginnings[given] = ScriptRun(given, next(self._numbers))
+            self._beginnings[given] = steps.ScriptRun(given, next(self._numbers))
         return self._beginnings[given]
 
-    def live(self, life: ScriptRun, *got: Got) -> ScriptRun:
+    def live(self, life: steps.ScriptRun, *got: steps.Got) -> steps.ScriptRun:
         """That life, and what it got then."""
         for one in got:
             life = life.then(one, next(self._numbers))
         return life
 
-    def branches(self, life: ScriptRun) -> tuple[Branch, ...]:
+    def branches(self, life: steps.ScriptRun) -> tuple[steps.Branch, ...]:
         """The ways in which a script that has this life may go on. Raises ScenarioError."""
         if life.branches is None:
             life.branches = tuple(self._explore(life.given, life.history(), ()))
         return life.branches
 
-    def place(self, life: ScriptRun, branch: Branch) -> str:
+    def place(self, life: steps.ScriptRun, branch: steps.Branch) -> str:
         """Where in the script a branch comes to its step."""
         link = ScriptConnection(life.history() + branch.decisions, self._leave_behind)
         with suppress(Exception, StepReached):
             self._called(link, life.given)
         return self._where(link.stopped)
 
-    def _explore(self, given: Given, history: History, decisions: History) -> Iterable[Branch]:
+    def _explore(self, given: steps.Given, history: steps.History, decisions: steps.History) -> Iterable[steps.Branch]:
         if len(decisions) > MOST_DECISIONS:
             text = f"{self.name} decides {MOST_DECISIONS} times without sending or asking anything in between"
             raise ScenarioError(f"the script of {text}: it would never go on")
@@ -166,7 +154,7 @@ class Program:
             for decision in fork.decisions:
                 yield from self._explore(given, history, (*decisions, decision))
         else:
-            yield Branch(decisions, step)
+            yield steps.Branch(decisions, step)
 
     def _leave_behind(self, error: ScenarioError | None) -> NoReturn:
         """The script catches what is to end a run of it, and goes on."""
@@ -176,7 +164,7 @@ class Program:
             text = f"{error}; it catches this, and goes on for ever"
         leave_behind(ScenarioError(f"{self._place(traceback.extract_stack())}: {text}"))
 
-    def _run(self, link: ScriptConnection, given: Given) -> Step:
+    def _run(self, link: ScriptConnection, given: steps.Given) -> steps.Step:
         """Run to the first step that is not past."""
         try:
             step = self._called(link, given) or _end(*link.owed())
@@ -190,7 +178,7 @@ class Program:
             raise link.stopped
         return link.stopped.step if link.stopped is not None else step
 
-    def _called(self, link: ScriptConnection, given: Given) -> Step | None:
+    def _called(self, link: ScriptConnection, given: steps.Given) -> steps.Step | None:
         """Call the function; how it ended. None: it owes its reply."""
         message = self.message
         if message is None:
@@ -201,22 +189,22 @@ class Program:
             try:
                 arguments = [message.decode_data(given.body)]
             except BadData as error:
-                return Fail(BAD_DATA, str(error))
+                return steps.Fail(BAD_DATA, str(error))
         try:
             result = self._function(script, *arguments[: self._arguments - 1])
             link.settle()
             return self._end_of(script, result)
         except (FailureRaised, Reissued) as error:
-            return _end(*failed(HERE, error))
+            return _end(*failed(steps.HERE, error))
         except _OF_THE_WORLD as error:
             was_killed = isinstance(error, TaskKilled | Stopped)
-            return replace(_end(*failed(HERE, error)), text=str(error), was_killed=was_killed)
+            return replace(_end(*failed(steps.HERE, error)), text=str(error), was_killed=was_killed)
         except Refused as error:
             if error.refusal not in _BY_CHANCE:
                 raise
-            return Fail(HANDLER_ERROR, str(error))
+            return steps.Fail(HANDLER_ERROR, str(error))
 
-    def _end_of(self, script: Task | Script, result: Any) -> Return | None:
+    def _end_of(self, script: Task | Script, result: Any) -> steps.Return | None:
         if isinstance(script, Task) and script.later is not None:
             if result is not script.later:
                 raise ScenarioError("it called reply_later(): return what that gave")
@@ -224,7 +212,7 @@ class Program:
             result.returned()
             script._explored.left = ref(result)  # noqa: SLF001
             return None
-        return Return(self.message.encode_reply(result) if self.message else b"")
+        return steps.Return(self.message.encode_reply(result) if self.message else b"")
 
     def _where(self, error: BaseException | None) -> str:
         """The place in the script at which an error was raised."""
@@ -236,11 +224,11 @@ class Program:
         return f"the script of {self.name} ({code.co_filename}, line {lines[-1] if lines else code.co_firstlineno})"
 
 
-def _end(header: headers.Reply | headers.Fail, body: bytes) -> Return | Fail:
+def _end(header: headers.Reply | headers.Fail, body: bytes) -> steps.Return | steps.Fail:
     """The end of a handler as a step."""
     if isinstance(header, headers.Reply):
-        return Return(body)
-    return Fail(header.failure, header.text, body, (*header.kinds,), header.reissue)
+        return steps.Return(body)
+    return steps.Fail(header.failure, header.text, body, (*header.kinds,), header.reissue)
 
 
 def _without_address(words: str) -> str:

@@ -20,19 +20,7 @@ from tca_module.session.open_deliveries import OpenDelivery
 from tca_module.session.request import Request
 from tca_module.session.sent_tasks import SentId, TaskSends
 from tca_tools.explore.errors import ScenarioError
-from tca_tools.explore.scenario.steps import (
-    HERE,
-    Ask,
-    Await,
-    GiveUp,
-    Got,
-    Hang,
-    History,
-    Know,
-    Owe,
-    ReadWish,
-    Step,
-)
+from tca_tools.explore.scenario import steps
 from tca_wire.messages.declarations import Message
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState, Observe, Requested
@@ -62,7 +50,7 @@ _NOT_EXPLORED = {
 class StepReached(BaseException):
     """The script got to a step whose answer is not there yet. No ``except Exception`` of a script catches it."""
 
-    def __init__(self, step: Step) -> None:
+    def __init__(self, step: steps.Step) -> None:
         super().__init__(step)
         self.step = step
 
@@ -70,7 +58,7 @@ class StepReached(BaseException):
 class DecisionReached(BaseException):
     """The script got to a decision that has not been made yet."""
 
-    def __init__(self, decisions: Iterable[Got]) -> None:
+    def __init__(self, decisions: Iterable[steps.Got]) -> None:
         super().__init__()
         self.decisions = tuple(decisions)
 
@@ -105,18 +93,18 @@ class WishesOfClients:
 
     def __bool__(self) -> bool:
         if not self._read:
-            self.look(ReadWish())
+            self.look(steps.ReadWish())
         return bool(self._read)
 
     def popleft(self) -> tuple[Requested, bytes]:
         """The next one."""
         return self._read.popleft()
 
-    def look(self, step: ReadWish) -> Got:
+    def look(self, step: steps.ReadWish) -> steps.Got:
         """Read the next one that is there, or comes."""
         got = self._link.do(step)
         if got.words:
-            self._read.append((Requested(HERE, got.words, got.choice, got.text), got.body))
+            self._read.append((Requested(steps.HERE, got.words, got.choice, got.text), got.body))
         return got
 
 
@@ -138,7 +126,9 @@ class ScriptDelivery:
 class ScriptConnection:
     """One run of a script up to the end of what it has got."""
 
-    def __init__(self, history: History, on_caught: Callable[[ScenarioError | None], NoReturn] | None = None) -> None:
+    def __init__(
+        self, history: steps.History, on_caught: Callable[[ScenarioError | None], NoReturn] | None = None
+    ) -> None:
         # central is never restarted here: nothing is kept for that, no number marked
         attachments = SimpleNamespace(of=lambda _: None)
         self.transport = SimpleNamespace(time=self.now, waker=lambda: None)
@@ -178,7 +168,7 @@ class ScriptConnection:
 
     # --- the run -----------------------------------------------------------------------------------------------------
 
-    def do(self, step: Step) -> Got:
+    def do(self, step: steps.Step) -> steps.Got:
         """Take a step: what it got, or the end of this run."""
         self.hear_threads()
         if self._at < len(self._history):
@@ -195,15 +185,17 @@ class ScriptConnection:
                 self._refuse_change()
             return got.choice
         if self.stopped is None:
-            self.stopped = DecisionReached(Got(kind, choice=i, words=words) for i, words in enumerate(alternatives))
+            self.stopped = DecisionReached(
+                steps.Got(kind, choice=i, words=words) for i, words in enumerate(alternatives)
+            )
         raise self._over()
 
     def hang(self) -> NoReturn:
         """Never go on."""
-        self.do(Hang())
+        self.do(steps.Hang())
         raise AssertionError
 
-    def _past(self, kind: str) -> Got:
+    def _past(self, kind: str) -> steps.Got:
         got = self._history[self._at]
         if got.kind != kind:
             self._refuse_change()
@@ -256,7 +248,7 @@ class ScriptConnection:
 
     def wait_for_wish(self, seconds: float | None, what: str) -> None:
         """Wait for what a client wants of the task."""
-        got = self.delivery.requested.look(ReadWish(waits=True, seconds=seconds))
+        got = self.delivery.requested.look(steps.ReadWish(waits=True, seconds=seconds))
         if got.is_woken:
             self._be_woken(got, what)
 
@@ -289,7 +281,7 @@ class ScriptConnection:
         return self._owed or self.owed()
 
     def _use(self, later: Any, then: Callable[[Any, str], object]) -> None:
-        self.kept, got = None, self.do(Owe())
+        self.kept, got = None, self.do(steps.Owe())
         later.module_ends() if got.module_ends else then(later, got.words)
 
     def call(self, header: Any, what: object, body: bytes = b"", within: float = 0) -> int:
@@ -318,7 +310,7 @@ class ScriptConnection:
     def settle(self) -> None:
         """Raise the error of what the script has sent: it returns, or goes on."""
         self._sends.check(0)
-        self._sends.check(HERE)
+        self._sends.check(steps.HERE)
 
     def post(self, header: Any, body: bytes) -> None:
         """Say something that has no answer."""
@@ -343,7 +335,7 @@ class ScriptConnection:
         if is_over is not None and seconds is not None:
             self.refuse("multi_query(timeout=...)")
         while not (request.is_over or (is_over is not None and is_over())):
-            got = self.do(Await(request.place, seconds))
+            got = self.do(steps.Await(request.place, seconds))
             if got.is_woken:
                 self._be_woken(got, what, request)
             if _checked(got, what).is_late:
@@ -355,7 +347,7 @@ class ScriptConnection:
                 request.answers.append((got.answer, got.body))
         return True
 
-    def _be_woken(self, got: Got, what: str, request: ScriptRequest | None = None) -> NoReturn:
+    def _be_woken(self, got: steps.Got, what: str, request: ScriptRequest | None = None) -> NoReturn:
         self._is_told = True
         if request is not None:
             if got.answer is None and got.refusal is None:
@@ -366,13 +358,13 @@ class ScriptConnection:
 
     def mark_told(self) -> None:
         """The script gets an error, and knows by that of its kill."""
-        self.do(Know())
+        self.do(steps.Know())
 
     def abandon(self, request: ScriptRequest) -> None:
         """Want no answer any more."""
         if not request.is_over:
             request.is_over = True
-            self.do(GiveUp(request.place))
+            self.do(steps.GiveUp(request.place))
 
     def give_up(self, request: ScriptRequest) -> str:
         """As *abandon*; the reason is not told here: such words differ from run to run."""
@@ -385,7 +377,7 @@ class ScriptConnection:
     def release(self, request: ScriptRequest, what: str, *, at_once: bool = False) -> bool:
         """Want no longer the lock that a request has got; whether it was had until now."""
         del what, at_once
-        request.taken = self.do(GiveUp(request.place)).text
+        request.taken = self.do(steps.GiveUp(request.place)).text
         return not request.taken
 
     def is_cancelled(self, delivery: int) -> bool:
@@ -409,13 +401,13 @@ class ScriptConnection:
         """Time does not pass for a script."""
         return 0.0
 
-    def _ask(self, header: Any, body: bytes, *, wants_answer: bool = False, is_told: bool = False) -> Ask:
+    def _ask(self, header: Any, body: bytes, *, wants_answer: bool = False, is_told: bool = False) -> steps.Ask:
         self._check_sends(header)
         declares, self._declared = tuple(self._declared.values()), {}
-        return Ask(header, body, declares, wants_answer, is_told)
+        return steps.Ask(header, body, declares, wants_answer, is_told)
 
 
-def _checked(got: Got, what: object) -> Got:
+def _checked(got: steps.Got, what: object) -> steps.Got:
     if got.refusal is not None:
         raise (FormatRefused if got.refusal is Refusal.FORMAT else Refused)(str(what), got.refusal, got.text)
     return got

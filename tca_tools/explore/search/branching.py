@@ -19,21 +19,18 @@ _TIMES = {
 }
 """By what a timer is for: what is due."""
 
-_OF_MODULES = {
+_SOURCES = {
     ActionKind.JOIN: "{} joining",
     ActionKind.BREAK: "the loss of {}",
     ActionKind.LEAVE: "{} leaving",
     ActionKind.BYE: "{} leaving",
-    ActionKind.STEP: "steps of {}",
-    ActionKind.HEAR: "steps of {}",
-    ActionKind.BEGIN: "steps of {}",
-    ActionKind.ANSWER: "steps of {}",
     ActionKind.LATE: "timeouts of {}",
     ActionKind.KILL: "kills of {}",
     ActionKind.SUSPEND: "suspensions of {}",
     ActionKind.RESUME: "suspensions of {}",
     ActionKind.TIME: "{}",
 }
+"""By kind of action; all others are steps of a module."""
 
 
 class Branching:
@@ -62,7 +59,7 @@ def _source(play: Play, action: Action) -> str:
         name = play.lines[name].run.module.name
     elif name in play.runs:
         name = play.runs[name].module.name
-    return _OF_MODULES[action.kind].format(name)
+    return _SOURCES.get(action.kind, "steps of {}").format(name)
 
 
 def _due(play: Play) -> str:
