@@ -11,9 +11,8 @@ from typing import Any, Literal, TypeVar, Unpack, overload
 from tca_module import checks
 from tca_module.checks import check, check_class, check_function
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped
-from tca_module.link.connection import Connection
+from tca_module.link.connection import LINGER, Connection
 from tca_module.link.keepalive import TEND_PERIOD, KeepAlive
-from tca_module.link.leaving import LINGER
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.stop import Stop
 from tca_module.link.waits import PATIENCE

@@ -11,7 +11,6 @@ from tca_module import checks
 from tca_module.checks import check, is_brief
 from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
-from tca_module.link.questions import ask
 from tca_module.sending.claim import Claim
 from tca_module.sending.directory import HandlerInfo, MessageInfo, ModuleInfo
 from tca_module.sending.sibling_order import SiblingOrder
@@ -118,8 +117,8 @@ class CentralServices:
         """The newest value of a variable (TCA 7.7: GetVar); if never set *default*, or VariableNotSet is raised."""
         check("get_variable()", checks.VARIABLE, variable=variable)
         connection = self._declare(variable)
-        body = ask(connection, headers.GetVariable(0, variable.name), f"variable '{variable.name}'")
-        if body:
+        asked = connection.answered(headers.GetVariable(0, variable.name), f"variable '{variable.name}'")
+        if body := asked.answers[-1][1]:
             return variable.decode_data(body)
         if default is _NO_DEFAULT:
             raise VariableNotSet(f"variable '{variable.name}' was never set: set it first, watch it, or give a default")
@@ -135,7 +134,8 @@ class CentralServices:
         body = variable.encode_data(value)
         connection = self._declare(variable)
         header = headers.SetVariable(0, variable.name, self._origin, swap=True)
-        before = ask(connection, header, f"exchanging variable '{variable.name}'", body)
+        asked = connection.answered(header, f"exchanging variable '{variable.name}'", body)
+        before = asked.answers[-1][1]
         return variable.decode_data(before) if before else default
 
     # --- resources -------------------------------------------------------------------------------------------------
@@ -211,7 +211,8 @@ class CentralServices:
     # --- directory -------------------------------------------------------------------------------------------------
 
     def _ask_central(self, topic: Topic, within: float | None = ACKNOWLEDGED_WITHIN) -> bytes:
-        return ask(self._connection(), headers.Ask(0, topic), f"the question for {topic}", within=within)
+        asked = self._connection().answered(headers.Ask(0, topic), f"the question for {topic}", within=within)
+        return asked.answers[-1][1]
 
     def modules(self) -> list[ModuleInfo]:
         """The modules that are connected, this one too."""
