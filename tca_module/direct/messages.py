@@ -9,12 +9,11 @@ from tca_module.direct.inbox import Inbox
 from tca_module.direct.note_batch import FAR, NoteBatch
 from tca_module.direct.routes import DirectRoutes
 from tca_module.log import log_of
-from tca_module.session.request import Request
 from tca_module.session.session import Session
-from tca_module.sockets.direct import EntranceSocket, PathSocket
+from tca_module.sockets.direct import EntranceSocket
 from tca_module.sockets.transport import DealerTransport
 from tca_wire.messages.declarations import Message
-from tca_wire.packets.headers import Deliver, Send, ToCentral
+from tca_wire.packets.headers import Deliver, ToCentral
 from tca_wire.packets.routes import Barred, Entrance, Noted
 
 RESTLESS = 0.2  # seconds between two looks at a way on which an answer or a greeting is due
@@ -40,7 +39,7 @@ class DirectMessages:
         self._session = session
         self._clock = clock
         self._notes = NoteBatch()
-        self._routes = DirectRoutes(session, way, transport, self._notes, PathSocket)
+        self.routes = DirectRoutes(session, way, transport, self._notes, clock)  #: for what it sends
         self._inbox: Inbox | None = None
         self._transport, self._door = transport, door
         if transport is not None and door is not None:
@@ -48,22 +47,14 @@ class DirectMessages:
             self._inbox = Inbox(door.socket, door.entrance.key, door.queries, self._notes, clock, log)
             transport.add(door.socket)
 
-    def ask(self, header: Send, body: bytes) -> Request | None:
-        """Send a query directly; None if it must go through central."""
-        return self._routes.ask(header, body, self._clock()) if self._routes.paths else None
-
-    def tell(self, header: ToCentral, body: bytes) -> bool:
-        """Send an inform directly; False if it must go through central, or is none."""
-        return bool(self._routes.paths) and isinstance(header, Send) and self._routes.tell(header, body, self._clock())
-
     def listen(self) -> None:
         """Take in arrived packets; none is handled yet."""
-        if self._routes.paths or self._session.routing:
+        if self.routes.paths or self._session.routing:
             if self._inbox is not None:
                 self._inbox.bar(
                     one for header in self._session.routing if isinstance(header, Barred) for one in header.numbers
                 )
-            self._routes.listen(self._clock)
+            self.routes.listen()
         if self._inbox is not None:
             self._inbox.listen()
 
@@ -104,7 +95,7 @@ class DirectMessages:
         """The seconds, at most so many, in which there is nothing to do."""
         if self._inbox is not None and self._may_take:
             return 0.0
-        if self._routes.paths and self._routes.is_restless:
+        if self.routes.paths and self.routes.is_restless:
             seconds = min(seconds, RESTLESS)
         return seconds if self._notes.due == FAR else max(0.0, min(seconds, self._notes.due - self._clock()))
 
@@ -119,24 +110,10 @@ class DirectMessages:
             if isinstance(header, Noted):
                 self._notes.restore(header, self._clock())
 
-    def confirm(self) -> None:
-        """Ask the slots what has arrived."""
-        self._routes.confirm()
-
-    @property
-    def unheard(self) -> int:
-        """The number of informs that may not have arrived."""
-        return self._routes.unheard
-
-    @property
-    def lost(self) -> int:
-        """The number of informs that may not have reached their handler, and never will."""
-        return self._routes.lost
-
     @property
     def is_used(self) -> bool:
         """Whether something may come from elsewhere than central."""
-        return self._inbox is not None or bool(self._routes.paths)
+        return self._inbox is not None or bool(self.routes.paths)
 
     def shut(self) -> None:
         """Take nothing more, and report the rest. Queries that have not begun go to somebody else."""
@@ -149,7 +126,7 @@ class DirectMessages:
 
     def close(self) -> None:
         """Close everything; without ``shut`` before, begun messages have failed."""
-        self._routes.close()
+        self.routes.close()
         if self._inbox is not None:
             self._inbox.drop()
             self._inbox = None

@@ -186,7 +186,7 @@ class Connection(Waits):
             self._catch_up_for(header)
             if not (wants_answer and isinstance(header, headers.Send)):
                 request = self.session.request(header, body, wants_answer=wants_answer)
-            elif (asked := self.direct.ask(header, body)) is not None:
+            elif (asked := self.direct.routes.ask(header, body)) is not None:
                 self.line.flush(wait_seconds=0)
                 return asked
             else:
@@ -254,7 +254,7 @@ class Connection(Waits):
         """Send something that has no answer. If central is not there, it is lost, counted and logged."""
         with self.mine():
             self._catch_up_for(header)
-            if self.direct.tell(header, body):
+            if self.direct.routes.tell(header, body):
                 self.line.flush(wait_seconds=0)
                 return
             dropped = self.session.dropped
@@ -333,7 +333,7 @@ class Connection(Waits):
         if that thread waited all the time, or all that was sent has arrived meanwhile.
         """
         self.call_soon(self.session.confirm)
-        self.call_soon(self.direct.confirm)
+        self.call_soon(self.direct.routes.confirm)
         until = self.now() + within
         while self.now() < until and self.are_owed:
             if self._lock.acquire(timeout=STEP):
@@ -349,17 +349,17 @@ class Connection(Waits):
     @property
     def missing(self) -> int:
         """The number of messages that may not have arrived."""
-        return self.lost + self.session.unheard + self.session.sends.untold + self.direct.unheard
+        return self.lost + self.session.unheard + self.session.sends.untold + self.direct.routes.unheard
 
     @property
     def lost(self) -> int:
         """The number of statements that did not arrive, or may not have."""
-        return self.session.lost + self.direct.lost
+        return self.session.lost + self.direct.routes.lost
 
     @property
     def are_owed(self) -> bool:
         """Whether central, or a handler, has yet to say that something has arrived."""
-        return bool(self.direct.unheard) or not self.session.is_settled
+        return bool(self.direct.routes.unheard) or not self.session.is_settled
 
     def messages(self, number: int) -> str:
         """So many messages of this module, for errors."""
@@ -373,8 +373,8 @@ class Connection(Waits):
         )
         if is_waited_for:
             session.confirm()
-        self.direct.confirm()
-        while (is_waited_for and not session.is_settled) or self.direct.unheard:
+        self.direct.routes.confirm()
+        while (is_waited_for and not session.is_settled) or self.direct.routes.unheard:
             left = since + within - self.now()
             session.tend(self.now(), since)
             self.line.flush(max(0.0, min(SEND_WAIT, left)), is_patient=True)
@@ -387,6 +387,6 @@ class Connection(Waits):
         where = f"central at {self.transport.address}"
         if not self.session.is_settled:
             return f"{where}: {self.line.what_to_do()}"
-        if self.direct.unheard:
+        if self.direct.routes.unheard:
             return "their handler, which does not answer"
         return f"{where}: the connection broke" if self.session.lost else "their handler, which is gone"

@@ -297,11 +297,11 @@ def test_direct_messages_are_encrypted_and_end_with_the_key(
         user = connect("user", keyed.address, patience=0.5)
         link = user._connection()
         with soon("queries go directly") as may_go_on:
-            while not any(path.is_usable for path in link.direct._routes.paths.values()):
+            while not any(path.is_usable for path in link.direct.routes.paths.values()):
                 assert user.query(SQUARE, 3, timeout=SOON) == 9
                 may_go_on()
         assert user.query(SQUARE, 4, timeout=SOON) == 16
-        (path,) = link.direct._routes.paths.values()
+        (path,) = link.direct.routes.paths.values()
         assert path.entrance.curve
         with zmq.Context() as context, context.socket(zmq.DEALER) as stranger:  # who knows all but the public key
             stranger.linger = 0
