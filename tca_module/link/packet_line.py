@@ -7,7 +7,8 @@ from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost
 from tca_module.log import log_of
 from tca_module.session.session import QUIET, Session
-from tca_module.sockets.transport import Transport, is_anybody_there, is_turned_away, what_keys_lack
+from tca_module.sockets.curve import why_not_let_in
+from tca_module.sockets.transport import Transport, context, is_anybody_there, is_turned_away
 from tca_wire.errors import ProtocolError
 from tca_wire.packets.codec import packets, unpack_to_module
 from tca_wire.packets.credit import Receipts
@@ -62,7 +63,7 @@ class PacketLine:
 (ulimit -Hn)"
             )
         if is_anybody_there(self._transport.address):
-            if lacking := what_keys_lack(self._transport.address):
+            if lacking := why_not_let_in(context(), self._transport.address):
                 return lacking
             return (
                 "it is there, but its process stands still (SIGSTOP, a paused container: let it go on) or is busy for \

@@ -13,7 +13,7 @@ from secrets import token_hex
 
 import zmq
 
-from tca_module.sockets.curve import make_server, shows_key, speak_only_to
+from tca_module.sockets.curve import key_for, make_server, speak_only_to
 from tca_module.sockets.pulse import KEEPALIVE
 from tca_module.sockets.transport import DONTWAIT, EVENTS, POLLIN, SNDMORE, context
 from tca_wire.packets.routes import Entrance
@@ -67,7 +67,9 @@ class EntranceSocket(_DirectSocket):
     def __init__(self, central: str) -> None:
         super().__init__(zmq.ROUTER)
         self.is_paused = False  #: packets stay in the socket
-        self.public_key = make_server(self._socket) if shows_key(central) else ""  #: whoever connects needs it
+        self.public_key = (
+            make_server(self._socket) if key_for(central) is not None else ""
+        )  #: whoever connects needs it
         self._socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
         try:
             self.endpoint = _bind(self._socket, central)
