@@ -31,7 +31,6 @@ def state_observer(
         what = f"observing '{message.name}'" if message is not None else "observing all tasks"
         observation = Observation(connection, header, what)
         callback = ChangeCallback("observes()", connection, function, lambda news: change_of(connection, news))
-        observation.on_news = callback.put
-        observation.hold()
+        observation.call(callback.put)
 
     return begin
