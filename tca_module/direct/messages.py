@@ -1,7 +1,7 @@
 """The direct messages of one connection: those it sends and those its slot takes; none with a LocalCentral."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from secrets import token_hex
 from typing import Any
 
@@ -34,17 +34,16 @@ class DirectMessages:
 
     def __init__(
         self, session: Session, transport: DealerTransport | None = None, way: str = "",
-        door: OpenedEntrance | None = None, *, clock: Callable[[], float] = time.monotonic,
+        door: OpenedEntrance | None = None,
     ) -> None:  # fmt: skip
         self._session = session
-        self._clock = clock
         self._notes = NoteBatch()
-        self.routes = DirectRoutes(session, way, transport, self._notes, clock)  #: for what it sends
+        self.routes = DirectRoutes(session, way, transport, self._notes, time.monotonic)  #: for what it sends
         self._inbox: Inbox | None = None
         self._transport, self._door = transport, door
         if transport is not None and door is not None:
             log = log_of(session.module)
-            self._inbox = Inbox(door.socket, door.entrance.key, door.queries, self._notes, clock, log)
+            self._inbox = Inbox(door.socket, door.entrance.key, door.queries, self._notes, time.monotonic, log)
             transport.add(door.socket)
 
     def listen(self) -> None:
@@ -97,18 +96,18 @@ class DirectMessages:
             return 0.0
         if self.routes.paths and self.routes.is_restless:
             seconds = min(seconds, RESTLESS)
-        return seconds if self._notes.due == FAR else max(0.0, min(seconds, self._notes.due - self._clock()))
+        return seconds if self._notes.due == FAR else max(0.0, min(seconds, self._notes.due - time.monotonic()))
 
     def report(self, *, at_once: bool = False) -> None:
         """Give the session the notes that are due; or all, *at_once*."""
         if self._notes.due != FAR:
-            self._notes.report(self._session, self._clock(), at_once=at_once)
+            self._notes.report(self._session, time.monotonic(), at_once=at_once)
 
     def unsent(self, items: Iterable[tuple[ToCentral, bytes]]) -> None:
         """Keep the notes among items that could not be sent to central."""
         for header, _ in items:
             if isinstance(header, Noted):
-                self._notes.restore(header, self._clock())
+                self._notes.restore(header, time.monotonic())
 
     @property
     def is_used(self) -> bool:

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeVar, overload
 import msgspec
 
 from tca_module import checks
-from tca_module.checks import check, is_brief
+from tca_module.checks import EXECUTED, check, is_brief
 from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.sending.claim import Claim
@@ -17,11 +17,8 @@ from tca_module.sending.sibling_order import SiblingOrder
 from tca_wire.life_cycles import read_life_cycle
 from tca_wire.messages.controls import ExceptionHandler, Monitor
 from tca_wire.messages.declarations import (
-    Broadcast,
     Command,
     D,
-    Goal,
-    Inform,
     Message,
     MultiQuery,
     Query,
@@ -278,7 +275,5 @@ class CentralServices:
         return f"not handled within {timeout:g} s: {', '.join(named[name] for name in missing)}"
 
 
-_KINDS: dict[str, Any] = {
-    str(kind.message_class): kind
-    for kind in (Inform, Query, Broadcast, MultiQuery, Goal, Command, Variable, ExceptionHandler)
-}
+_DECLARED: list[type[Message[Any, Any]]] = [*EXECUTED, Variable, ExceptionHandler]
+_KINDS: dict[str, Any] = {str(kind.message_class): kind for kind in _DECLARED}

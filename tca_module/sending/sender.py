@@ -1,6 +1,6 @@
 """Sender: the calls that send, the same for a handler's Task, a Module and a Client."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, TypedDict, Unpack, overload
 
@@ -96,14 +96,7 @@ _FLAGS = {
     "plan_first": Flags.PLAN_FIRST,
     "delay_planning": Flags.DELAY_PLANNING,
 }
-
-
-def _flags_of(options: Mapping[str, object]) -> Flags:
-    """The options that are constraints between siblings, as central knows them."""
-    flags = Flags.NONE
-    for name, flag in _FLAGS.items():
-        flags |= flag if options.get(name) else Flags.NONE
-    return flags
+"""The options that are constraints between siblings, as central knows them."""
 
 
 class Sender(WatchingServices):
@@ -149,8 +142,9 @@ class Sender(WatchingServices):
         is_goal = message.message_class.is_goal
         flags, constraints = self._ordering.place(connection.session.epoch, is_goal=is_goal, sequential=sequential)
         constraints += options.get("constraints", ())
-        if not options.keys().isdisjoint(_FLAGS):
-            flags |= _flags_of(options)
+        for name, flag in _FLAGS.items():
+            if options.get(name):
+                flags |= flag
         if delay := options.get("delay"):
             constraints.append(not_before(THIS, delay))
         header = Send(

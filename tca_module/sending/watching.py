@@ -291,11 +291,12 @@ class WatchingServices(CentralServices):
         """
         if isinstance(monitor, MonitorRef):
             return monitor.fire(action, data)
-        which, message = ROOT, ""
         if isinstance(monitor, TaskRef):
-            which = node_of(monitor)
+            which, message = node_of(monitor), ""
         else:
-            message = name_of_monitor(monitor, action)
+            check_class(monitor, Monitor, call="fire")
+            check_action(monitor.title, fired_with(monitor), action)
+            which, message = ROOT, monitor.name
         if action is not None:
             check_message(action)
         name, body = (action.name, action.encode_data(data)) if action is not None else ("", b"")
@@ -317,13 +318,6 @@ def _may_live(task: TaskId, living: set[int], connection: Connection) -> bool:
 
 def _can_be_cancelled(cycle: LifeCycle) -> bool:
     return any(row.by is Party.CLIENT and cycle.ends_on_request(row.target) for row in cycle.transitions)
-
-
-def name_of_monitor(monitor: Monitor[Any], action: Any) -> str:
-    """The name of a monitor that is fired. Raises MisuseError if it is none, or can't be fired with that action."""
-    check_class(monitor, Monitor, call="fire")
-    check_action(monitor.title, fired_with(monitor), action)
-    return monitor.name
 
 
 def fired_with(monitor: Monitor[Any]) -> str:

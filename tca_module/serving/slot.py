@@ -55,7 +55,7 @@ class Slot:
         self.callbacks = callbacks  #: that its thread calls
         self.opened = threading.Event()  #: messages are handled, or *error* says why not
         self._serving = serving
-        self._hello = hello
+        self.hello = hello  #: the resource that it handles messages for, and the number of its connection
         self._opened: Connection | None = None
         self._loop: EventLoop | None = None  #: made when it is first needed
         self._owed = WeakSet[LaterReply[Any]]()  #: answers that handlers left to others, who alone keep them
@@ -70,10 +70,10 @@ class Slot:
 
     def _run(self) -> None:
         central, patience, _, handlers, stop, attachments = self._serving
-        mine = [one for one in handlers.values() if one.resource == self._hello.resource]
+        mine = [one for one in handlers.values() if one.resource == self.hello.resource]
         direct = [handler.message for handler in mine if handler.format.direct]
         try:
-            self._serve(open_connection(central, self._hello, patience, stop.is_set, direct, attachments))
+            self._serve(open_connection(central, self.hello, patience, stop.is_set, direct, attachments))
         except Stopped:
             self.opened.set()
         except BaseException as error:  # noqa: BLE001 - shown by the module's own thread
@@ -99,7 +99,7 @@ class Slot:
                 if self.is_replaced:
                     return
                 self._serving.stop.set()
-                what, module = type(error).__name__, self._hello.module
+                what, module = type(error).__name__, self.hello.module
                 self._log.error("module '%s' ends, and handles nothing any more: %s", module, what, exc_info=error)
                 connection.post(Unregister(0, []), b"")  # now the senders find the handlers of other modules
                 stack.callback(self._say_goodbye, connection, error)
@@ -116,16 +116,6 @@ class Slot:
     def _connection(self) -> Connection:
         assert self._opened is not None
         return self._opened
-
-    @property
-    def number(self) -> int:
-        """Its connection's."""
-        return self._hello.connection
-
-    @property
-    def resource(self) -> str:
-        """The resource that it handles messages for."""
-        return self._hello.resource
 
     def _is_over(self) -> bool:
         return self.is_replaced or self._serving.stop.is_set()
@@ -289,7 +279,7 @@ class Slots:
     def replace(self, number: int, why: str) -> None:
         """Leave a slot behind whose handler hangs, and open another one in its place."""
         with self._lock:
-            hung = next((slot for slot in self._slots if slot.number == number), None)
+            hung = next((slot for slot in self._slots if slot.hello.connection == number), None)
             if hung is None or self._open_slot is None:
                 return
             hung.is_replaced = True
@@ -298,4 +288,4 @@ class Slots:
             self._log.warning(
                 "module '%s': %s; another thread takes its place (left behind: %d)", self._module, why, self.left_behind
             )
-            self._add(hung.resource, hung.callbacks, self._open_slot)
+            self._add(hung.hello.resource, hung.callbacks, self._open_slot)
