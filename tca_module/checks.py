@@ -89,18 +89,17 @@ def check_options(what: str, options: Mapping[str, Any], kinds: Mapping[str, Arg
         check(what, kinds[name], **{name: options[name]})
 
 
-def whole(words: str, least: int, most: float = 2**63 - 1) -> ArgumentKind:
-    """A whole number between the two."""
-    return ArgumentKind(
-        words, lambda value: isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
-    )
-
-
 def number(words: str, least: float, most: float = float("inf")) -> ArgumentKind:
     """A number between the two."""
     return ArgumentKind(
         words, lambda value: isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
     )
+
+
+def whole(words: str, least: int, most: float = 2**63 - 1) -> ArgumentKind:
+    """A whole number between the two."""
+    is_between = number(words, least, most).fits
+    return ArgumentKind(words, lambda value: isinstance(value, int) and is_between(value))
 
 
 def instance_of(words: str, kind: type | UnionType) -> ArgumentKind:

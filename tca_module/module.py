@@ -18,12 +18,11 @@ from tca_module.link.stop import Stop
 from tca_module.link.waits import PATIENCE
 from tca_module.log import log_of
 from tca_module.sending.sender import Sender
-from tca_module.serving.callbacks import Callback, Callbacks, HasFileno
+from tca_module.serving.callbacks import Callback, Callbacks, HasFileno, ObservingFunction
 from tca_module.serving.handler_options import BUSY, HandlerOptions, ResourcePlan, WhenBusy, checked_format
 from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
 from tca_module.serving.server import Server, ServerHandler, taken_by
 from tca_module.serving.slot import CALLBACKS, Serving, Slot, Slots
-from tca_module.serving.state_observers import O, state_observer
 from tca_wire.messages.declarations import Command, D, Goal, Message, R, TaskMessage
 from tca_wire.packets.headers import WaitUntilHandled
 
@@ -32,6 +31,7 @@ _SIGNALS_PERIOD = 5.0  # seconds after which a signal is noticed that another th
 
 CallbackFunction = Callable[[Callback], object] | Callable[[], object]
 F = TypeVar("F", bound=CallbackFunction)
+O = TypeVar("O", bound=ObservingFunction)  # noqa: E741 - as F
 Start = TypeVar("Start", bound=Callable[["Module"], object])
 
 
@@ -191,7 +191,7 @@ class Module(Sender):
         check("observes()", checks.NAME_OR_NONE, resource=resource)
 
         def declare(function: O) -> O:
-            self._called_by("observes()", resource).observe(state_observer(message, states, function))
+            self._called_by("observes()", resource).observe(message, states, function)
             return function
 
         return declare
