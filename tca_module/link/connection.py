@@ -11,6 +11,7 @@ from tca_module.checks import check_message
 from tca_module.errors import ORDINARY, CentralLost, NotSent, Refused, Stopped, Timeout
 from tca_module.link.packet_line import SEND_WAIT, STEP
 from tca_module.link.waits import Waits
+from tca_module.session import given_up
 from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, check_epoch, first_foreign, numbers_in
 from tca_module.session.registering import registers
 from tca_module.session.request import Request, refers_to_tasks
@@ -103,7 +104,7 @@ class Connection(Waits):
         """Wait until central has accepted a request."""
         if not self.wait(request, within, what):
             self.abandon(request)
-            why, fate = self.line.why_late(within), f"{what} {self.session.given_up.fate_of(request)}"
+            why, fate = self.line.why_late(within), f"{what} {given_up.fate_of(self.session, request)}"
             raise Timeout(f"{what} was not acknowledged within {within:g} s, {why}; {fate}")
 
     # --- tasks -----------------------------------------------------------------------------------------------------
@@ -119,7 +120,7 @@ class Connection(Waits):
             self._catch_up_for(header, epoch)
             if not session.is_welcome:
                 return TaskId(self.call(header, what, body))
-            request = session.send_task(header, body, what)
+            request = session.send(header, body, what)
             self.line.flush()
             return TaskId(SentId(self, request))
 
@@ -132,7 +133,7 @@ class Connection(Waits):
             if session.sends.untold >= MOST_UNTOLD and session.is_welcome:
                 self.waiting.until(lambda: session.sends.untold < MOST_UNTOLD, None)
             self._catch_up_for(header)
-            request = session.send_change(header, body, what)
+            request = session.send(header, body, what)
             self.line.flush(0.0, is_patient=True)
             return request
 

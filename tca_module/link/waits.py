@@ -16,9 +16,9 @@ from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError
 from tca_module.link.one_thread import OfOneThread
 from tca_module.link.packet_line import PacketLine
-from tca_module.link.turns import Turns
 from tca_module.link.wait_loop import WaitLoop
 from tca_module.log import log_of
+from tca_module.session import given_up
 from tca_module.session.request import Request
 from tca_module.session.session import Session, quiet_within
 from tca_module.sockets.transport import Transport
@@ -102,8 +102,7 @@ class Waits(OfOneThread):
         self.await_moment: Callable[[float], Awaitable[None]] | None = None  #: of the transport's clock; in asyncio
         self.now = clock  #: seconds; it never jumps
         self.line = PacketLine(session, transport, self.direct, clock)
-        turns = Turns(session, self.line, self._lock, clock)
-        self.waiting = WaitLoop(session, self.direct, self.line, turns, patience, clock)
+        self.waiting = WaitLoop(self.line, self._lock, patience)
         self.root_sender: object = None  #: the Sender with which callbacks send
         self.log = log_of(session.module)
 
@@ -131,7 +130,7 @@ class Waits(OfOneThread):
                     came = is_done() or self.waiting.unless_woken(is_told, timeout, what, request, since=since)
             except CentralLost as error:
                 self.abandon(request)
-                raise CentralLost(f"{error}; {what} {self.session.given_up.fate_of(request)}") from None
+                raise CentralLost(f"{error}; {what} {given_up.fate_of(self.session, request)}") from None
             except BaseException:
                 self.abandon(request)
                 raise
@@ -178,7 +177,7 @@ class Waits(OfOneThread):
     def abandon(self, request: Request) -> None:
         """Give a request up: nobody waits for its answer any more."""
         with self.mine():
-            self.session.given_up.abandon(request)
+            given_up.abandon(self.session, request)
             self.line.flush(0.0, is_patient=True)
 
     def give_up(self, request: Request) -> str:
@@ -187,7 +186,7 @@ class Waits(OfOneThread):
             if silence := self.silence:
                 self.abandon(request)
                 return silence
-            if (asked := self.session.given_up.ask_why(request)) is None:
+            if (asked := given_up.ask_why(self.session, request)) is None:
                 return "it went to its handler directly, which had not answered"
             with contextlib.suppress(CentralLost):
                 self.waiting.until(lambda: asked.is_over, _WHY_WITHIN)

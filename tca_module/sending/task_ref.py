@@ -15,6 +15,7 @@ from tca_module.following.observation import News, is_progress
 from tca_module.link.connection import Connection
 from tca_module.sending.attachments import AttachmentRef, Recovery
 from tca_module.sending.task_points import TaskIntervals
+from tca_module.session import given_up
 from tca_module.session.epoch_numbers import with_epoch
 from tca_module.session.request import Request
 from tca_module.session.sent_tasks import SentId
@@ -320,7 +321,7 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
             if task.request.is_over:
                 raise
             self._link.abandon(task.request)
-            fate = f"{task.what} {self._link.session.given_up.fate_of(task.request)}"
+            fate = f"{task.what} {given_up.fate_of(self._link.session, task.request)}"
             raise CentralLost(f"{error}; {fate}") from None
 
     def _ask(self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False) -> Request:
