@@ -3,8 +3,9 @@
 import contextlib
 import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import cache
 from types import UnionType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 from tca_module.errors import MisuseError
 from tca_wire.constraints import Constraint
@@ -81,12 +82,20 @@ def check_known(lacks: str, name: object, known: Iterable[str]) -> None:
         raise MisuseError(f"{lacks} {name!r:.60}: there are {', '.join(there) or 'none'}")
 
 
-def check_options(what: str, options: Mapping[str, Any], kinds: Mapping[str, ArgumentKind]) -> None:
-    """Raise MisuseError for an option that *what* does not have, or whose value is of another kind."""
+def check_options(what: str, options: Mapping[str, Any], declared: type) -> None:
+    """Raise MisuseError for an option that *what* does not have, or whose value is of another kind. *declared*: the
+    TypedDict that annotates each with its kind.
+    """
+    kinds = _kinds_of(declared)
     if unknown := sorted(options.keys() - kinds.keys()):
         raise MisuseError(f"{what} has no option {unknown[0]}: the options are {', '.join(kinds)}")
     for name in options:
         check(what, kinds[name], **{name: options[name]})
+
+
+@cache
+def _kinds_of(options: type) -> dict[str, ArgumentKind]:
+    return {name: hint.__metadata__[0] for name, hint in get_type_hints(options, include_extras=True).items()}
 
 
 def number(words: str, least: float, most: float = float("inf")) -> ArgumentKind:
