@@ -309,7 +309,7 @@ class Module(Sender):
         except BaseException:
             self._leave()
             raise
-        self._keep_alive = KeepAlive(link, patience, self._stop, reconnect=reconnect)
+        self._keep_alive = KeepAlive(link, self._stop, reconnect=reconnect)
 
     def _wait_for_required(self, link: Connection) -> None:
         required = [message for message in self._required if message.name not in self._handlers]

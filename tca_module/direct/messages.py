@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Iterable
-from secrets import token_hex
 from typing import Any
 
 from tca_module.direct.inbox import Inbox
@@ -14,37 +13,28 @@ from tca_module.sockets.direct import EntranceSocket
 from tca_module.sockets.transport import DealerTransport
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver, ToCentral
-from tca_wire.packets.routes import Barred, Entrance, Noted
+from tca_wire.packets.routes import Barred, Noted
 
 RESTLESS = 0.2  # seconds between two looks at a way on which an answer or a greeting is due
-
-
-class OpenedEntrance:
-    """A slot's socket for direct messages, before it has said Hello."""
-
-    def __init__(self, central: str, messages: Iterable[Message[Any, Any]]) -> None:
-        """Open it. Raises OSError where that can't be."""
-        self.socket = EntranceSocket(central)
-        self.entrance = Entrance(self.socket.endpoint, token_hex(16), self.socket.public_key)
-        self.queries = {message.name: message.message_class.has_reply for message in messages}
 
 
 class DirectMessages:
     """Sends and takes direct messages for one connection."""
 
     def __init__(
-        self, session: Session, transport: DealerTransport | None = None, way: str = "",
-        door: OpenedEntrance | None = None,
+        self, session: Session, transport: DealerTransport | None = None, door: EntranceSocket | None = None,
+        messages: Iterable[Message[Any, Any]] = (),
     ) -> None:  # fmt: skip
+        """*messages* come straight from their senders through the *door*."""
         self._session = session
         self._notes = NoteBatch()
-        self.routes = DirectRoutes(session, way, transport, self._notes, time.monotonic)  #: for what it sends
+        self.routes = DirectRoutes(session, transport, self._notes)  #: for what it sends
         self._inbox: Inbox | None = None
         self._transport, self._door = transport, door
         if transport is not None and door is not None:
-            log = log_of(session.module)
-            self._inbox = Inbox(door.socket, door.entrance.key, door.queries, self._notes, time.monotonic, log)
-            transport.add(door.socket)
+            queries = {message.name: message.message_class.has_reply for message in messages}
+            self._inbox = Inbox(door, door.entrance.key, queries, self._notes, time.monotonic, log_of(session.module))
+            transport.add(door)
 
     def listen(self) -> None:
         """Take in arrived packets; none is handled yet."""
@@ -118,7 +108,7 @@ class DirectMessages:
         """Take nothing more, and report the rest. Queries that have not begun go to somebody else."""
         if self._inbox is not None:
             if self._transport is not None and self._door is not None:
-                self._transport.remove(self._door.socket)
+                self._transport.remove(self._door)
             self._inbox.close()
             self._inbox = None
         self.report(at_once=True)

@@ -5,8 +5,9 @@ Paths are kept while a route leads there, a query is open, or an inform may not 
 """
 
 import itertools
+import time
 from collections import deque
-from collections.abc import Callable
+from secrets import token_hex
 
 from tca_module.direct.note_batch import NoteBatch
 from tca_module.direct.path import DirectPath
@@ -22,19 +23,11 @@ from tca_wire.packets.routes import Barred, Entrance, Route, WatchEntrance
 class DirectRoutes:
     """The sending side of direct messages, for one connection."""
 
-    def __init__(
-        self,
-        session: Session,
-        way: str,
-        transport: DealerTransport | None,
-        notes: NoteBatch,
-        clock: Callable[[], float],
-    ) -> None:
+    def __init__(self, session: Session, transport: DealerTransport | None, notes: NoteBatch) -> None:
         self._session = session
-        self._way = way  #: names this connection among all
+        self._way = token_hex(16)  #: names this connection among all
         self._transport = transport
         self._notes = notes
-        self._clock = clock
         self._routes: dict[str, deque[DirectPath]] = {}  #: by message; its slots take turns
         self.paths: dict[str, DirectPath] = {}  #: by endpoint: the ways there are
         self._numbers = itertools.count(1)
@@ -50,7 +43,7 @@ class DirectRoutes:
         if path is None:
             return None
         request = Request(header, body, wants_answer=True)
-        return request if path.ask(request, self._clock()) else None
+        return request if path.ask(request, time.monotonic()) else None
 
     def tell(self, header: ToCentral, body: bytes) -> bool:
         """Send an inform directly; False if it must go through central, or is none."""
@@ -84,7 +77,7 @@ class DirectRoutes:
 
     def listen(self) -> None:
         """Take in direct answers and central's routes; send due packets."""
-        now = self._clock()
+        now = time.monotonic()
         while self._session.routing:
             self._is_tidy = False
             header = self._session.routing.popleft()
@@ -149,7 +142,7 @@ class DirectRoutes:
         elif not self._has_dropped:
             self._has_dropped = True
             self._log.warning("informs '%s' are lost: their handler is too slow", message)
-        self._notes.lost(message, self._clock(), number)
+        self._notes.lost(message, time.monotonic(), number)
 
     def _close_unused(self) -> None:
         used = {path for paths in self._routes.values() for path in paths if not path.is_over}

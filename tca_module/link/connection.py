@@ -4,7 +4,6 @@ arrived, how much may not have, and why.
 
 import contextlib
 from collections.abc import Callable, Iterable
-from functools import cached_property
 from typing import Any
 
 from tca_module.checks import check_message
@@ -31,11 +30,6 @@ MOST_UNTOLD = 100  # tasks sent of which central has said nothing yet: it rememb
 
 class Connection(Waits):
     """One connection to central."""
-
-    @cached_property
-    def _declared(self) -> dict[str, Message[Any, Any]]:
-        """The messages of which central has been told, by name."""
-        return {}
 
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
         """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped*."""

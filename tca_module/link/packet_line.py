@@ -27,6 +27,7 @@ class PacketLine:
     ) -> None:
         self.session = session
         self._transport = transport
+        self.time = transport.time  #: the time of handlers, in seconds; on a stepped clock it stands still
         self.direct = direct
         self.clock = clock
         self._log = log_of(session.module)
@@ -70,10 +71,6 @@ class PacketLine:
 very long; or no central listens there, but another program"
             )
         return "start it with 'tca central', or set $TCA_CENTRAL to where it listens"
-
-    def time(self) -> float:
-        """The time of handlers, in seconds; on a stepped clock it stands still."""
-        return self._transport.time()
 
     def catch_up(self, since: float = float("-inf"), quiet: float = QUIET, *, is_sending: bool = False) -> float:
         """Take in arrived packets, and keep the line alive; when there is more to do. So a caller that never waits

@@ -22,6 +22,7 @@ from tca_module.session import given_up
 from tca_module.session.request import Request
 from tca_module.session.session import Session, quiet_within
 from tca_module.sockets.transport import Transport
+from tca_wire.messages.declarations import Message
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import Await
 
@@ -105,6 +106,7 @@ class Waits(OfOneThread):
         self.waiting = WaitLoop(self.line, self._lock, patience)
         self.root_sender: object = None  #: the Sender with which callbacks send
         self.log = log_of(session.module)
+        self._declared: dict[str, Message[Any, Any]] = {}  # of which central has been told, by name
 
     # --- for answers -----------------------------------------------------------------------------------------------
 
