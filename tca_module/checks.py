@@ -98,17 +98,16 @@ def _kinds_of(options: type) -> dict[str, ArgumentKind]:
     return {name: hint.__metadata__[0] for name, hint in get_type_hints(options, include_extras=True).items()}
 
 
-def number(words: str, least: float, most: float = float("inf")) -> ArgumentKind:
+def number(words: str, least: float, most: float = float("inf"), kind: Any = int | float) -> ArgumentKind:
     """A number between the two."""
     return ArgumentKind(
-        words, lambda value: isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
+        words, lambda value: isinstance(value, kind) and not isinstance(value, bool) and least <= value <= most
     )
 
 
 def whole(words: str, least: int, most: float = 2**63 - 1) -> ArgumentKind:
     """A whole number between the two."""
-    is_between = number(words, least, most).fits
-    return ArgumentKind(words, lambda value: isinstance(value, int) and is_between(value))
+    return number(words, least, most, int)
 
 
 def instance_of(words: str, kind: type | UnionType) -> ArgumentKind:

@@ -39,15 +39,14 @@ class DirectRoutes:
 
     def ask(self, header: Send, body: bytes) -> Request | None:
         """Send a query directly; None if it must go through central."""
-        path = None if header.if_handled else self._path(header.message)
-        if path is None:
+        if not self.paths or header.if_handled or (path := self._path(header.message)) is None:
             return None
         request = Request(header, body, wants_answer=True)
         return request if path.ask(request, time.monotonic()) else None
 
     def tell(self, header: ToCentral, body: bytes) -> bool:
         """Send an inform directly; False if it must go through central, or is none."""
-        if not isinstance(header, Send) or (path := self._path(header.message)) is None:
+        if not (self.paths and isinstance(header, Send)) or (path := self._path(header.message)) is None:
             return False
         return path.tell(header, body)
 
