@@ -3,8 +3,9 @@
 import contextlib
 import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import cache
 from types import UnionType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 from tca_module.errors import MisuseError
 from tca_wire.constraints import Constraint
@@ -81,26 +82,32 @@ def check_known(lacks: str, name: object, known: Iterable[str]) -> None:
         raise MisuseError(f"{lacks} {name!r:.60}: there are {', '.join(there) or 'none'}")
 
 
-def check_options(what: str, options: Mapping[str, Any], kinds: Mapping[str, ArgumentKind]) -> None:
-    """Raise MisuseError for an option that *what* does not have, or whose value is of another kind."""
+def check_options(what: str, options: Mapping[str, Any], declared: type) -> None:
+    """Raise MisuseError for an option that *what* does not have, or whose value is of another kind. *declared*: the
+    TypedDict that annotates each with its kind.
+    """
+    kinds = _kinds_of(declared)
     if unknown := sorted(options.keys() - kinds.keys()):
         raise MisuseError(f"{what} has no option {unknown[0]}: the options are {', '.join(kinds)}")
     for name in options:
         check(what, kinds[name], **{name: options[name]})
 
 
-def whole(words: str, least: int, most: float = 2**63 - 1) -> ArgumentKind:
-    """A whole number between the two."""
-    return ArgumentKind(
-        words, lambda value: isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
-    )
+@cache
+def _kinds_of(options: type) -> dict[str, ArgumentKind]:
+    return {name: hint.__metadata__[0] for name, hint in get_type_hints(options, include_extras=True).items()}
 
 
-def number(words: str, least: float, most: float = float("inf")) -> ArgumentKind:
+def number(words: str, least: float, most: float = float("inf"), kind: Any = int | float) -> ArgumentKind:
     """A number between the two."""
     return ArgumentKind(
-        words, lambda value: isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
+        words, lambda value: isinstance(value, kind) and not isinstance(value, bool) and least <= value <= most
     )
+
+
+def whole(words: str, least: int, most: float = 2**63 - 1) -> ArgumentKind:
+    """A whole number between the two."""
+    return number(words, least, most, int)
 
 
 def instance_of(words: str, kind: type | UnionType) -> ArgumentKind:

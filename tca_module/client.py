@@ -13,8 +13,7 @@ import msgspec
 from tca_module import checks
 from tca_module.checks import check
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused
-from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
-from tca_module.link.leaving import LINGER
+from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, Connection
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.waits import PATIENCE
 from tca_module.sending.central_services import Topic

@@ -11,20 +11,18 @@ from typing import Any, Literal, TypeVar, Unpack, overload
 from tca_module import checks
 from tca_module.checks import check, check_class, check_function
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped
-from tca_module.link.connection import Connection
+from tca_module.link.connection import LINGER, Connection
 from tca_module.link.keepalive import TEND_PERIOD, KeepAlive
-from tca_module.link.leaving import LINGER
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.stop import Stop
 from tca_module.link.waits import PATIENCE
 from tca_module.log import log_of
 from tca_module.sending.sender import Sender
-from tca_module.serving.callbacks import Callback, Callbacks, HasFileno
+from tca_module.serving.callbacks import Callback, Callbacks, HasFileno, ObservingFunction
 from tca_module.serving.handler_options import BUSY, HandlerOptions, ResourcePlan, WhenBusy, checked_format
 from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
 from tca_module.serving.server import Server, ServerHandler, taken_by
 from tca_module.serving.slot import CALLBACKS, Serving, Slot, Slots
-from tca_module.serving.state_observers import O, state_observer
 from tca_wire.messages.declarations import Command, D, Goal, Message, R, TaskMessage
 from tca_wire.packets.headers import WaitUntilHandled
 
@@ -33,6 +31,7 @@ _SIGNALS_PERIOD = 5.0  # seconds after which a signal is noticed that another th
 
 CallbackFunction = Callable[[Callback], object] | Callable[[], object]
 F = TypeVar("F", bound=CallbackFunction)
+O = TypeVar("O", bound=ObservingFunction)  # noqa: E741 - as F
 Start = TypeVar("Start", bound=Callable[["Module"], object])
 
 
@@ -192,7 +191,7 @@ class Module(Sender):
         check("observes()", checks.NAME_OR_NONE, resource=resource)
 
         def declare(function: O) -> O:
-            self._called_by("observes()", resource).observe(state_observer(message, states, function))
+            self._called_by("observes()", resource).observe(message, states, function)
             return function
 
         return declare
@@ -310,7 +309,7 @@ class Module(Sender):
         except BaseException:
             self._leave()
             raise
-        self._keep_alive = KeepAlive(link, patience, self._stop, reconnect=reconnect)
+        self._keep_alive = KeepAlive(link, self._stop, reconnect=reconnect)
 
     def _wait_for_required(self, link: Connection) -> None:
         required = [message for message in self._required if message.name not in self._handlers]

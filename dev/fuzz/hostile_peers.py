@@ -12,6 +12,7 @@ from tca_module.direct.inbox import Inbox
 from tca_module.direct.note_batch import NoteBatch
 from tca_module.direct.path import DirectPath
 from tca_module.errors import MisuseError
+from tca_module.session import given_up
 from tca_module.session.request import Request
 from tca_module.session.session import HELLO_NUMBER, Session
 from tca_wire.errors import ProtocolError
@@ -88,7 +89,7 @@ class _Client:
         elif kind == 8:
             self._answer()
         elif kind == 9 and self.requests:
-            session.given_up.abandon(self.requests.pop(choices.below(len(self.requests))))
+            given_up.abandon(session, self.requests.pop(choices.below(len(self.requests))))
         elif kind == 10:
             session.tend(now, now - choices.below(60))
         else:
@@ -113,7 +114,7 @@ class _Client:
         try:
             self.requests.append(self.session.request(header, b"\x07", wants_answer=self.choices.is_one_in(2)))
             task = Send(0, self.choices.one_of(_NAMES))
-            self.requests.append(self.session.send_task(task, b"\x07", "a task"))
+            self.requests.append(self.session.send(task, b"\x07", "a task"))
         except MisuseError:
             pass
 

@@ -1,69 +1,49 @@
 """The direct messages of one connection: those it sends and those its slot takes; none with a LocalCentral."""
 
 import time
-from collections.abc import Callable, Iterable
-from secrets import token_hex
+from collections.abc import Iterable
 from typing import Any
 
 from tca_module.direct.inbox import Inbox
 from tca_module.direct.note_batch import FAR, NoteBatch
 from tca_module.direct.routes import DirectRoutes
 from tca_module.log import log_of
-from tca_module.session.request import Request
 from tca_module.session.session import Session
-from tca_module.sockets.direct import EntranceSocket, PathSocket
+from tca_module.sockets.direct import EntranceSocket
 from tca_module.sockets.transport import DealerTransport
 from tca_wire.messages.declarations import Message
-from tca_wire.packets.headers import Deliver, Send, ToCentral
-from tca_wire.packets.routes import Barred, Entrance, Noted
+from tca_wire.packets.headers import Deliver, ToCentral
+from tca_wire.packets.routes import Barred, Noted
 
 RESTLESS = 0.2  # seconds between two looks at a way on which an answer or a greeting is due
-
-
-class OpenedEntrance:
-    """A slot's socket for direct messages, before it has said Hello."""
-
-    def __init__(self, central: str, messages: Iterable[Message[Any, Any]]) -> None:
-        """Open it. Raises OSError where that can't be."""
-        self.socket = EntranceSocket(central)
-        self.entrance = Entrance(self.socket.endpoint, token_hex(16), self.socket.public_key)
-        self.queries = {message.name: message.message_class.has_reply for message in messages}
 
 
 class DirectMessages:
     """Sends and takes direct messages for one connection."""
 
     def __init__(
-        self, session: Session, transport: DealerTransport | None = None, way: str = "",
-        door: OpenedEntrance | None = None, *, clock: Callable[[], float] = time.monotonic,
+        self, session: Session, transport: DealerTransport | None = None, door: EntranceSocket | None = None,
+        messages: Iterable[Message[Any, Any]] = (),
     ) -> None:  # fmt: skip
+        """*messages* come straight from their senders through the *door*."""
         self._session = session
-        self._clock = clock
         self._notes = NoteBatch()
-        self._routes = DirectRoutes(session, way, transport, self._notes, PathSocket)
+        self.routes = DirectRoutes(session, transport, self._notes)  #: for what it sends
         self._inbox: Inbox | None = None
         self._transport, self._door = transport, door
         if transport is not None and door is not None:
-            log = log_of(session.module)
-            self._inbox = Inbox(door.socket, door.entrance.key, door.queries, self._notes, clock, log)
-            transport.add(door.socket)
-
-    def ask(self, header: Send, body: bytes) -> Request | None:
-        """Send a query directly; None if it must go through central."""
-        return self._routes.ask(header, body, self._clock()) if self._routes.paths else None
-
-    def tell(self, header: ToCentral, body: bytes) -> bool:
-        """Send an inform directly; False if it must go through central, or is none."""
-        return bool(self._routes.paths) and isinstance(header, Send) and self._routes.tell(header, body, self._clock())
+            queries = {message.name: message.message_class.has_reply for message in messages}
+            self._inbox = Inbox(door, door.entrance.key, queries, self._notes, time.monotonic, log_of(session.module))
+            transport.add(door)
 
     def listen(self) -> None:
         """Take in arrived packets; none is handled yet."""
-        if self._routes.paths or self._session.routing:
+        if self.routes.paths or self._session.routing:
             if self._inbox is not None:
                 self._inbox.bar(
                     one for header in self._session.routing if isinstance(header, Barred) for one in header.numbers
                 )
-            self._routes.listen(self._clock)
+            self.routes.listen()
         if self._inbox is not None:
             self._inbox.listen()
 
@@ -104,52 +84,38 @@ class DirectMessages:
         """The seconds, at most so many, in which there is nothing to do."""
         if self._inbox is not None and self._may_take:
             return 0.0
-        if self._routes.paths and self._routes.is_restless:
+        if self.routes.paths and self.routes.is_restless:
             seconds = min(seconds, RESTLESS)
-        return seconds if self._notes.due == FAR else max(0.0, min(seconds, self._notes.due - self._clock()))
+        return seconds if self._notes.due == FAR else max(0.0, min(seconds, self._notes.due - time.monotonic()))
 
     def report(self, *, at_once: bool = False) -> None:
         """Give the session the notes that are due; or all, *at_once*."""
         if self._notes.due != FAR:
-            self._notes.report(self._session, self._clock(), at_once=at_once)
+            self._notes.report(self._session, time.monotonic(), at_once=at_once)
 
     def unsent(self, items: Iterable[tuple[ToCentral, bytes]]) -> None:
         """Keep the notes among items that could not be sent to central."""
         for header, _ in items:
             if isinstance(header, Noted):
-                self._notes.restore(header, self._clock())
-
-    def confirm(self) -> None:
-        """Ask the slots what has arrived."""
-        self._routes.confirm()
-
-    @property
-    def unheard(self) -> int:
-        """The number of informs that may not have arrived."""
-        return self._routes.unheard
-
-    @property
-    def lost(self) -> int:
-        """The number of informs that may not have reached their handler, and never will."""
-        return self._routes.lost
+                self._notes.restore(header, time.monotonic())
 
     @property
     def is_used(self) -> bool:
         """Whether something may come from elsewhere than central."""
-        return self._inbox is not None or bool(self._routes.paths)
+        return self._inbox is not None or bool(self.routes.paths)
 
     def shut(self) -> None:
         """Take nothing more, and report the rest. Queries that have not begun go to somebody else."""
         if self._inbox is not None:
             if self._transport is not None and self._door is not None:
-                self._transport.remove(self._door.socket)
+                self._transport.remove(self._door)
             self._inbox.close()
             self._inbox = None
         self.report(at_once=True)
 
     def close(self) -> None:
         """Close everything; without ``shut`` before, begun messages have failed."""
-        self._routes.close()
+        self.routes.close()
         if self._inbox is not None:
             self._inbox.drop()
             self._inbox = None

@@ -222,12 +222,11 @@ class DirectPath:
         if (request := self.requests.pop(header.number, None)) is not None:
             request.refused = header
             self._end(request)
-        elif not header.number:  # it takes nothing from here any more
-            self.lose_all(f"{self.entrance.endpoint} refused: {header.text}")
+            return
+        self.complaints.append(f"{self.entrance.endpoint} refused: {header.text}")
+        if not header.number:  # it takes nothing from here any more
+            self.lose_all(self.complaints[-1])
             self._lose_informs([*self._under_way], "their handler takes nothing from here any more")
-            self.complaints.append(f"{self.entrance.endpoint} refused: {header.text}")
-        else:
-            self.complaints.append(f"{self.entrance.endpoint} refused: {header.text}")
 
     def _on_greeting(self, header: Greeting, _body: bytes) -> None:
         self._is_open, self._is_first = True, False

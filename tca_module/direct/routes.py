@@ -5,56 +5,50 @@ Paths are kept while a route leads there, a query is open, or an inform may not 
 """
 
 import itertools
+import time
 from collections import deque
-from collections.abc import Callable
+from secrets import token_hex
 
 from tca_module.direct.note_batch import NoteBatch
-from tca_module.direct.path import DirectPath, LineSocket
+from tca_module.direct.path import DirectPath
 from tca_module.log import log_of
 from tca_module.session.request import Request
 from tca_module.session.session import Session
+from tca_module.sockets.direct import PathSocket
 from tca_module.sockets.transport import DealerTransport
-from tca_wire.packets.headers import Send, Welcome
+from tca_wire.packets.headers import Send, ToCentral, Welcome
 from tca_wire.packets.routes import Barred, Entrance, Route, WatchEntrance
-
-OpenSocket = Callable[[Entrance], LineSocket]
-"""Opens the way to an entrance. Raises OSError if there can be none."""
 
 
 class DirectRoutes:
     """The sending side of direct messages, for one connection."""
 
-    def __init__(
-        self, session: Session, way: str, transport: DealerTransport | None, notes: NoteBatch, open_socket: OpenSocket
-    ) -> None:
+    def __init__(self, session: Session, transport: DealerTransport | None, notes: NoteBatch) -> None:
         self._session = session
-        self._way = way  #: names this connection among all
+        self._way = token_hex(16)  #: names this connection among all
         self._transport = transport
         self._notes = notes
-        self._open_socket = open_socket
         self._routes: dict[str, deque[DirectPath]] = {}  #: by message; its slots take turns
         self.paths: dict[str, DirectPath] = {}  #: by endpoint: the ways there are
         self._numbers = itertools.count(1)
-        self.lost = 0  #: informs that may not have reached their handler
+        self.lost = 0  #: informs that may not have reached their handler, and never will
         self._has_dropped = False  #: the log says that informs are dropped
         self._is_tidy = True  #: no way is open that leads nowhere
         self._epoch = ""
-        self._now = 0.0
         self._log = log_of(session.module)
 
-    def ask(self, header: Send, body: bytes, now: float) -> Request | None:
+    def ask(self, header: Send, body: bytes) -> Request | None:
         """Send a query directly; None if it must go through central."""
-        path = None if header.if_handled else self._path(header.message)
-        if path is None:
+        if not self.paths or header.if_handled or (path := self._path(header.message)) is None:
             return None
         request = Request(header, body, wants_answer=True)
-        return request if path.ask(request, now) else None
+        return request if path.ask(request, time.monotonic()) else None
 
-    def tell(self, header: Send, body: bytes, now: float) -> bool:
-        """Send an inform directly; False if it must go through central."""
-        self._now = now
-        path = self._path(header.message)
-        return path is not None and path.tell(header, body)
+    def tell(self, header: ToCentral, body: bytes) -> bool:
+        """Send an inform directly; False if it must go through central, or is none."""
+        if not (self.paths and isinstance(header, Send)) or (path := self._path(header.message)) is None:
+            return False
+        return path.tell(header, body)
 
     def _path(self, message: str) -> DirectPath | None:
         paths = self._routes.get(message) or deque()
@@ -80,9 +74,9 @@ class DirectRoutes:
         """Whether ``listen`` may have something to do though nothing arrives."""
         return any(path.is_restless for path in self.paths.values())
 
-    def listen(self, clock: Callable[[], float]) -> None:
+    def listen(self) -> None:
         """Take in direct answers and central's routes; send due packets."""
-        self._now = now = clock()
+        now = time.monotonic()
         while self._session.routing:
             self._is_tidy = False
             header = self._session.routing.popleft()
@@ -113,7 +107,7 @@ class DirectRoutes:
             known.entrance = entrance  # the licence may be another one
             return known
         try:
-            socket = self._open_socket(entrance)
+            socket = PathSocket(entrance)
         except OSError as error:
             self._log.warning("can't send directly to %s: %s", entrance.endpoint, error)
             return None
@@ -147,7 +141,7 @@ class DirectRoutes:
         elif not self._has_dropped:
             self._has_dropped = True
             self._log.warning("informs '%s' are lost: their handler is too slow", message)
-        self._notes.lost(message, self._now, number)
+        self._notes.lost(message, time.monotonic(), number)
 
     def _close_unused(self) -> None:
         used = {path for paths in self._routes.values() for path in paths if not path.is_over}

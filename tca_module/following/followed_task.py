@@ -35,6 +35,11 @@ def life_cycle_of(message: Message[Any, Any] | None) -> LifeCycle:
     return message.life_cycle if isinstance(message, TaskMessage) else GENERAL
 
 
+def cancels_of(cycle: LifeCycle) -> list[str]:
+    """The transitions by which a client asks for a task's end."""
+    return [row.name for row in cycle.transitions if row.by is Party.CLIENT and cycle.ends_on_request(row.target)]
+
+
 def check_states(what: str, message: Message[Any, Any] | None, states: Collection[str]) -> None:
     """Raise MisuseError for a state that the tasks of a message never have, if it is declared here."""
     cycle = life_cycle_of(message)
@@ -220,8 +225,7 @@ class FollowedTask(NamedTask, Generic[C]):
         """
         what, cycle = self._doing("cancelling"), self._life_cycle
         check(what, TEXT, why=why)
-        names = [row.name for row in cycle.transitions if row.by is Party.CLIENT and cycle.ends_on_request(row.target)]
-        if not names:
+        if not (names := cancels_of(cycle)):
             raise MisuseError(f"{what}: {cycle} has no such transition; kill() ends the task")
         header = ChangeState(0, self._node(), names[0], -1, why, self._origin)  # whatever has changed by now
         self._connection().send_change(header, b"", str(what))

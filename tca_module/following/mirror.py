@@ -26,14 +26,12 @@ class Mirror(Observation):
         self.newest: News | None = None  #: the newest change, or how it stands
         self.progress: News | None = None  #: the newest intermediate result
         self.has_progressed = False  #: with the newest change
-        self._functions: list[Callable[[News], None]] = []
 
     def _hear(self, news: News) -> None:
         self.newest, self.has_ended = news, news.change.is_over
         self.serial = max(self.serial, news.change.serial)  # of one that had ended central does not know it
         self._hear_progress(news)
-        for function in list(self._functions):
-            function(news)
+        super()._hear(news)
 
     def _hear_progress(self, news: News) -> None:
         """After a break central tells how the task stands, with the intermediate result that may be known already."""
@@ -73,11 +71,6 @@ class Mirror(Observation):
         """The newest state; "" if it was not told yet. Never waits."""
         self.catch_up()
         return self._state if self.is_complete else ""
-
-    def call(self, function: Callable[[News], None]) -> None:
-        """Call a function with each change from now on, also if nobody else follows the task any more."""
-        self._functions.append(function)
-        self.hold()
 
 
 class ChangeCallback(Generic[C]):

@@ -96,7 +96,7 @@ class Observation:
 
     def __init__(self, connection: Connection, header: Observe, what: object) -> None:
         self.connection = connection
-        self.on_news: Callable[[News], object] | None = None  #: gets each before its readers do
+        self._functions: list[Callable[[News], object]] = []  # get each before its readers do
         self._what = what  # for errors
         self._header = header
         self._readers: weakref.WeakSet[Unread] = weakref.WeakSet()
@@ -121,8 +121,9 @@ class Observation:
         request.notify = self._take_in if self._is_held else tell
         return request
 
-    def hold(self) -> None:
-        """Go on also if nobody has this: ``on_news`` is wanted until the end, or ``close()``."""
+    def call(self, function: Callable[[News], object]) -> None:
+        """Call a function with all news from now on, until the end or ``close()``, also if nobody has this."""
+        self._functions.append(function)
         self._is_held = True
         self.request.notify = self._take_in
 
@@ -292,5 +293,5 @@ class Observation:
 
     def _hear(self, news: News) -> None:
         """News, before its readers get it."""
-        if self.on_news is not None:
-            self.on_news(news)
+        for function in list(self._functions):
+            function(news)

@@ -35,9 +35,6 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         if first is not None:
             self._unread.begin_with(first)
 
-    def __iter__(self) -> Self:
-        return self
-
     def __next__(self) -> T:
         if not self._has_next(self._timeout):
             raise StopIteration
@@ -57,9 +54,6 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         if self._observation.is_over:
             return False
         raise Timeout(f"{self._what} did not come within {timeout:g} s", can_wait=True)
-
-    def __aiter__(self) -> Self:
-        return self
 
     async def __anext__(self) -> T:
         if self._is_closed or not await awaited(self._observation.until(self._has_some)):

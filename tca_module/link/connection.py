@@ -1,18 +1,21 @@
-"""One connection to central: how it begins, and what is asked of central."""
+"""One connection to central: how it begins, what is asked of central, and how it ends: whether all that was sent has
+arrived, how much may not have, and why.
+"""
 
 import contextlib
 from collections.abc import Callable, Iterable
-from functools import cached_property
 from typing import Any
 
 from tca_module.checks import check_message
-from tca_module.errors import ORDINARY, CentralLost, Refused, Stopped, Timeout
-from tca_module.link.leaving import Leaving
+from tca_module.errors import ORDINARY, CentralLost, NotSent, Refused, Stopped, Timeout
 from tca_module.link.packet_line import SEND_WAIT, STEP
+from tca_module.link.waits import Waits
+from tca_module.session import given_up
 from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, check_epoch, first_foreign, numbers_in
 from tca_module.session.registering import registers
 from tca_module.session.request import Request, refers_to_tasks
 from tca_module.session.sent_tasks import SentId
+from tca_module.sockets.transport import is_anybody_there
 from tca_wire.messages.declarations import Message
 from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState
@@ -21,16 +24,12 @@ from tca_wire.points import TaskId
 
 ACKNOWLEDGED_WITHIN = 30.0  # seconds that central may take to accept or refuse a request while it says other things
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
+LINGER = 10.0  # seconds that a program which leaves waits for what it sent to arrive
 MOST_UNTOLD = 100  # tasks sent of which central has said nothing yet: it remembers 128 by their requests
 
 
-class Connection(Leaving):
+class Connection(Waits):
     """One connection to central."""
-
-    @cached_property
-    def _declared(self) -> dict[str, Message[Any, Any]]:
-        """The messages of which central has been told, by name."""
-        return {}
 
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
         """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped*."""
@@ -82,11 +81,24 @@ class Connection(Leaving):
             self._wait_for_word(request, what, within)
             return request.accepted or 0
 
+    def answered(
+        self, header: headers.ToCentral, what: object, body: bytes = b"", within: float | None = ACKNOWLEDGED_WITHIN
+    ) -> Request:
+        """A question that central itself answers, at once, with the answer. Raises Timeout if it does not come *within*
+        so many seconds.
+        """
+        request = self.request(header, body, wants_answer=True, is_awaited=True)
+        if not self.wait(request, within, what):
+            self.abandon(request)
+            within = within or 0.0
+            raise Timeout(f"{what} was not answered within {within:g} s, {self.line.why_late(within)}")
+        return request
+
     def _wait_for_word(self, request: Request, what: object, within: float = ACKNOWLEDGED_WITHIN) -> None:
         """Wait until central has accepted a request."""
         if not self.wait(request, within, what):
             self.abandon(request)
-            why, fate = self.line.why_late(within), f"{what} {self.session.given_up.fate_of(request)}"
+            why, fate = self.line.why_late(within), f"{what} {given_up.fate_of(self.session, request)}"
             raise Timeout(f"{what} was not acknowledged within {within:g} s, {why}; {fate}")
 
     # --- tasks -----------------------------------------------------------------------------------------------------
@@ -102,7 +114,7 @@ class Connection(Leaving):
             self._catch_up_for(header, epoch)
             if not session.is_welcome:
                 return TaskId(self.call(header, what, body))
-            request = session.send_task(header, body, what)
+            request = session.send(header, body, what)
             self.line.flush()
             return TaskId(SentId(self, request))
 
@@ -115,7 +127,7 @@ class Connection(Leaving):
             if session.sends.untold >= MOST_UNTOLD and session.is_welcome:
                 self.waiting.until(lambda: session.sends.untold < MOST_UNTOLD, None)
             self._catch_up_for(header)
-            request = session.send_change(header, body, what)
+            request = session.send(header, body, what)
             self.line.flush(0.0, is_patient=True)
             return request
 
@@ -169,7 +181,7 @@ class Connection(Leaving):
             self._catch_up_for(header)
             if not (wants_answer and isinstance(header, headers.Send)):
                 request = self.session.request(header, body, wants_answer=wants_answer)
-            elif (asked := self.direct.ask(header, body)) is not None:
+            elif (asked := self.direct.routes.ask(header, body)) is not None:
                 self.line.flush(wait_seconds=0)
                 return asked
             else:
@@ -237,7 +249,7 @@ class Connection(Leaving):
         """Send something that has no answer. If central is not there, it is lost, counted and logged."""
         with self.mine():
             self._catch_up_for(header)
-            if self.direct.tell(header, body):
+            if self.direct.routes.tell(header, body):
                 self.line.flush(wait_seconds=0)
                 return
             dropped = self.session.dropped
@@ -285,3 +297,91 @@ class Connection(Leaving):
             if self.session.ahead:
                 self.session.give_back()
                 self.line.flush()
+
+    # --- its end ---------------------------------------------------------------------------------------------------
+
+    def close(self, linger: float = LINGER, before: int = 0) -> None:
+        """Say goodbye when all that was sent has arrived, or after *linger* seconds. Raises NotSent if something may
+        not have; *before*: so much was lost, and logged, earlier.
+        """
+        with self._lock:
+            session = self.session
+            try:
+                self.direct.shut()
+                self._wait_for_arrival(linger, before)
+                if self.is_mine and not self.are_owed:  # else central is gone, for which functions would wait
+                    self.attend()
+                    self._wait_for_arrival(linger, before)
+            finally:
+                number = self.missing - before
+                why = self._why_missing() if number else ""
+                self.direct.report(at_once=True)
+                if session.post(headers.Bye()):
+                    self.line.flush(0.0 if number else SEND_WAIT)
+                self.drop()
+            if number:
+                raise NotSent(number, f"{self.messages(number)} may not have reached {why}")
+            session.sends.check(0)
+
+    def take_over(self, within: float) -> bool:
+        """Stop its own thread at its next use, for ever, so that another may close it at the end of the process. False
+        if that thread waited all the time, or all that was sent has arrived meanwhile.
+        """
+        self.call_soon(self.session.confirm)
+        self.call_soon(self.direct.routes.confirm)
+        until = self.now() + within
+        while self.now() < until and self.are_owed:
+            if self._lock.acquire(timeout=STEP):
+                return True
+        return False
+
+    def drop(self) -> None:
+        """Close without goodbye: deliveries begun and not answered have failed."""
+        with self._lock:
+            self.direct.close()
+            self.transport.close()
+
+    @property
+    def missing(self) -> int:
+        """The number of messages that may not have arrived."""
+        return self.lost + self.session.unheard + self.session.sends.untold + self.direct.routes.unheard
+
+    @property
+    def lost(self) -> int:
+        """The number of statements that did not arrive, or may not have."""
+        return self.session.lost + self.direct.routes.lost
+
+    @property
+    def are_owed(self) -> bool:
+        """Whether central, or a handler, has yet to say that something has arrived."""
+        return bool(self.direct.routes.unheard) or not self.session.is_settled
+
+    def messages(self, number: int) -> str:
+        """So many messages of this module, for errors."""
+        return f"{number:,} message{'s' * (number != 1)} of '{self.session.module}'"
+
+    def _wait_for_arrival(self, within: float, before: int) -> None:
+        """Wait until all has arrived, unless central is gone. *before*: so much was lost earlier."""
+        session, since = self.session, self.now()
+        is_waited_for = not session.is_settled and (
+            session.is_welcome or self.lost > before or session.sends.untold > 0
+        )
+        if is_waited_for:
+            session.confirm()
+        self.direct.routes.confirm()
+        while (is_waited_for and not session.is_settled) or self.direct.routes.unheard:
+            left = since + within - self.now()
+            session.tend(self.now(), since)
+            self.line.flush(max(0.0, min(SEND_WAIT, left)), is_patient=True)
+            if left <= 0 or (session.outgoing and not is_anybody_there(self.transport.address)):
+                return
+            self.line.listen(min(STEP, left))
+
+    def _why_missing(self) -> str:
+        """Where messages may not have arrived, and why."""
+        where = f"central at {self.transport.address}"
+        if not self.session.is_settled:
+            return f"{where}: {self.line.what_to_do()}"
+        if self.direct.routes.unheard:
+            return "their handler, which does not answer"
+        return f"{where}: the connection broke" if self.session.lost else "their handler, which is gone"

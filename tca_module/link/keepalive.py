@@ -35,12 +35,11 @@ class Look:
 class KeepAlive:
     """Keeps the first connection of one module alive, from its creation to ``end``."""
 
-    def __init__(self, link: Connection, patience: float, stop: Stop, *, reconnect: bool) -> None:
+    def __init__(self, link: Connection, stop: Stop, *, reconnect: bool) -> None:
         self.error: CentralLost | None = None  #: the error that ended the module before its time
         self.since = self.due = time.monotonic()  #: silence counts from then; when to look again if nothing arrives
         self.files: Collection[int] = ()  #: those that tell of something
         self._link = link
-        self._patience = patience
         self._reconnect = reconnect
         self._stop = stop  #: the module is to end
         self._has_told = False  #: that it is stopped
@@ -61,14 +60,14 @@ class KeepAlive:
 
     def look(self, this: Look) -> None:
         """Do what is due."""
-        link, address = self._link, self._link.transport.address
+        link, address, patience = self._link, self._link.transport.address, self._link.waiting.patience
         if self._stop.is_set() and not self._has_told:
             self._has_told = True
             self._link.log.info("module '%s' has stopped, and handles nothing any more", link.session.module)
             link.session.is_to_withdraw = True
             link.transport.wake()  # if its thread waits on the connection, that reports it
         since = max(self.since, this.heard.get(address, self.since))
-        quiet = quiet_within(self._patience, is_idle=True)
+        quiet = quiet_within(patience, is_idle=True)
         kept = link.keep(since, quiet * _OTHERS if address in this.asked else quiet)
         this.heard[address] = max(since, link.session.heard)
         if kept is None:
@@ -76,7 +75,7 @@ class KeepAlive:
             return
         this.asked.add(address)
         silence, seconds = kept
-        is_silent = silence >= self._patience
+        is_silent = silence >= patience
         self.files = link.transport.files()
         self.due = this.now + (seconds if link.session.is_welcome and not is_silent else TEND_PERIOD)
         self._tell(this, is_silent=is_silent)

@@ -9,11 +9,12 @@ from typing import Any, Protocol
 import msgspec
 
 from tca_module.checks import CENTRAL, check
-from tca_module.direct.messages import DirectMessages, OpenedEntrance
+from tca_module.direct.messages import DirectMessages
 from tca_module.link.connection import Connection
 from tca_module.log import log_of
 from tca_module.session.lasting_attachments import LastingAttachments
 from tca_module.session.session import PREFETCH, Session
+from tca_module.sockets.direct import EntranceSocket
 from tca_module.sockets.transport import DealerTransport, Transport
 from tca_wire.endpoint import default_endpoint
 from tca_wire.messages.declarations import Message
@@ -59,13 +60,13 @@ def _connection_by_socket(
     hello = msgspec.structs.replace(hello, pulse=transport.pulse)
     if direct:
         try:
-            door = OpenedEntrance(address, direct)
+            door = EntranceSocket(address)
             hello = msgspec.structs.replace(hello, entrance=door.entrance)
         except OSError as error:
             log = log_of(hello.module)
             log.warning("nothing can come to '%s' directly (%s): all goes through central", hello.resource, error)
     session = Session(hello, attachments)
-    without_central = DirectMessages(session, transport, token_hex(16), door)
+    without_central = DirectMessages(session, transport, door, direct)
     return Connection(transport, session, patience=patience, direct=without_central)
 
 

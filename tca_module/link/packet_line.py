@@ -7,7 +7,8 @@ from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost
 from tca_module.log import log_of
 from tca_module.session.session import QUIET, Session
-from tca_module.sockets.transport import Transport, is_anybody_there, is_turned_away, what_keys_lack
+from tca_module.sockets.curve import why_not_let_in
+from tca_module.sockets.transport import Transport, context, is_anybody_there, is_turned_away
 from tca_wire.errors import ProtocolError
 from tca_wire.packets.codec import packets, unpack_to_module
 from tca_wire.packets.credit import Receipts
@@ -24,10 +25,11 @@ class PacketLine:
     def __init__(
         self, session: Session, transport: Transport, direct: DirectMessages, clock: Callable[[], float]
     ) -> None:
-        self._session = session
+        self.session = session
         self._transport = transport
-        self._direct = direct
-        self._clock = clock
+        self.time = transport.time  #: the time of handlers, in seconds; on a stepped clock it stands still
+        self.direct = direct
+        self.clock = clock
         self._log = log_of(session.module)
         self._receipts = Receipts()
         self._silence = 0.0, -math.inf  #: the seconds of central's last silence though it was asked, and their end
@@ -35,7 +37,7 @@ class PacketLine:
     @property
     def silence(self) -> str:
         """Why central counts as silent, for errors: it says, or takes, nothing. "" if all is well."""
-        session, now = self._session, self._clock()
+        session, now = self.session, self.clock()
         silent = now - session.heard
         is_owed = silent >= QUIET and now - session.asked_since >= _AT_ONCE
         if session.is_welcome and not session.outgoing and not is_owed:
@@ -46,7 +48,7 @@ class PacketLine:
     def why_late(self, within: float) -> str:
         """Why central has not given an answer of its own within the last seconds."""
         seconds, until = self._silence
-        if self._clock() - until < within:
+        if self.clock() - until < within:
             return f"central was not heard for {seconds:.1f} s of it: the network, or central, stood still"
         return self.silence or "though central is alive: it is overloaded"
 
@@ -62,17 +64,13 @@ class PacketLine:
 (ulimit -Hn)"
             )
         if is_anybody_there(self._transport.address):
-            if lacking := what_keys_lack(self._transport.address):
+            if lacking := why_not_let_in(context(), self._transport.address):
                 return lacking
             return (
                 "it is there, but its process stands still (SIGSTOP, a paused container: let it go on) or is busy for \
 very long; or no central listens there, but another program"
             )
         return "start it with 'tca central', or set $TCA_CENTRAL to where it listens"
-
-    def time(self) -> float:
-        """The time of handlers, in seconds; on a stepped clock it stands still."""
-        return self._transport.time()
 
     def catch_up(self, since: float = float("-inf"), quiet: float = QUIET, *, is_sending: bool = False) -> float:
         """Take in arrived packets, and keep the line alive; when there is more to do. So a caller that never waits
@@ -81,7 +79,7 @@ very long; or no central listens there, but another program"
         """
         while self.listen(0.0):
             pass
-        due = self._session.tend(self._clock(), since, quiet)
+        due = self.session.tend(self.clock(), since, quiet)
         if not is_sending:
             self.flush(wait_seconds=0)
         return due
@@ -92,36 +90,36 @@ very long; or no central listens there, but another program"
         if packet is not None:
             self._take_in(packet)
         else:
-            self._direct.report()  # now that all is read that central said: it may have ended
-        self._direct.listen()
+            self.direct.report()  # now that all is read that central said: it may have ended
+        self.direct.listen()
         return packet is not None
 
     def _take_in(self, packet: bytes) -> None:
         if (receipt := self._receipts.due(packet)) and self._transport.send(receipt, 0.0):
             self._receipts.sent()
-        now, session = self._clock(), self._session
+        now, session = self.clock(), self.session
         was_asked = session.asked_since > session.heard and now - session.asked_since >= _AT_ONCE
         if was_asked and now - session.heard >= QUIET:
             self._silence = now - session.heard, now
         try:
             for header, body in unpack_to_module(packet):
-                self._session.receive(header, body, now)
+                self.session.receive(header, body, now)
         except ProtocolError as error:
             self._log.warning("central at %s sent what is no message: %s", self._transport.address, error)
-        while self._session.complaints:
-            self._log.warning("%s", self._session.complaints.pop(0))
+        while self.session.complaints:
+            self._log.warning("%s", self.session.complaints.pop(0))
 
     def flush(self, wait_seconds: float = SEND_WAIT, *, is_patient: bool = False) -> bool:
         """Send what the session says; whether it left. If not that breaks the connection, unless the caller
         *is_patient*.
         """
-        if self._session.outgoing:
-            outgoing = self._session.take_outgoing(self.time)
+        if self.session.outgoing:
+            outgoing = self.session.take_outgoing(self.time)
             for before, packet in packets(outgoing):
                 if not self._transport.send(packet, wait_seconds):
-                    self._session.outgoing = outgoing[before:]
+                    self.session.outgoing = outgoing[before:]
                     if not is_patient:
-                        self._direct.unsent(self._session.outgoing)
-                        self._session.break_off()
+                        self.direct.unsent(self.session.outgoing)
+                        self.session.break_off()
                     return False
         return True

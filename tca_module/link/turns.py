@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable
 
 from tca_module.link.packet_line import PacketLine
-from tca_module.session.session import Session
 from tca_wire.packets.headers import Deliver
 
 QUICK = 0.001  # seconds after which a turn takes no further message
@@ -21,16 +20,15 @@ _IDLE = 50  # looks in vain after which the thread ends
 class Turns:
     """The turns of one connection. Its thread calls them with the connection locked once."""
 
-    def __init__(self, session: Session, line: PacketLine, lock: threading.RLock, clock: Callable[[], float]) -> None:
-        self._session = session
+    def __init__(self, line: PacketLine, lock: threading.RLock) -> None:
+        self._session = line.session
         self._line = line
         self._lock = lock
-        self._clock = clock
         self._is_watched = False
 
     def take(self, goes_on: Callable[[], bool], handle: Callable[[Deliver, bytes], None]) -> None:
         """Handle the first message that is ahead, and more for as long as it *goes on*."""
-        session, until = self._session, self._clock() + QUICK
+        session, until = self._session, self._line.clock() + QUICK
         try:
             while True:
                 header, body = session.ahead.popleft()
@@ -43,7 +41,7 @@ class Turns:
                     handle(header, body)
                 finally:
                     self._lock.acquire()
-                if self._clock() >= until or not goes_on():
+                if self._line.clock() >= until or not goes_on():
                     break
         finally:
             session.held.stop()

@@ -1,15 +1,15 @@
 """What a thread does while it waits: it sends and listens, handles what is delivered, and calls what is due."""
 
+import threading
 from collections import deque
 from collections.abc import Callable
 
-from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
 from tca_module.link.turns import QUICK, Turns
 from tca_module.session.open_deliveries import KILLED, OpenDelivery, never, wake_error, working_on
 from tca_module.session.request import Request
-from tca_module.session.session import Session, quiet_within
+from tca_module.session.session import quiet_within
 from tca_wire.packets.headers import Deliver
 
 _FOR_EVER = float("inf")
@@ -19,21 +19,18 @@ _BETWEEN = 0.25  # part of the patience that may pass between two waits of a han
 class WaitLoop:
     """All waits of one connection. Its thread calls them with the connection locked."""
 
-    def __init__(
-        self, session: Session, direct: DirectMessages, line: PacketLine, turns: Turns, patience: float,
-        clock: Callable[[], float],
-    ) -> None:  # fmt: skip
-        self._session = session
-        self._turns = turns
-        self._direct = direct
+    def __init__(self, line: PacketLine, lock: threading.RLock, patience: float) -> None:
+        self._session = line.session
+        self._turns = Turns(line, lock)
+        self._direct = line.direct
         self._line = line
-        self._clock = clock
+        self._clock = line.clock
         self.patience = patience  #: seconds without a word from central after which a wait ends with CentralLost
         self.handle_delivery: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
         self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due
         self.is_calling_back = False  #: one of them is being called
         self._one: OpenDelivery | None = None  #: the handler that waited last with ``in_turn``
-        self._since = self._left = clock()  #: its silence counts from then; when that wait was over
+        self._since = self._left = line.clock()  #: its silence counts from then; when that wait was over
         self._word: Request | None = None  #: asked of central: nothing that is ahead begins before its answer
 
     def until(

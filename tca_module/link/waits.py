@@ -8,26 +8,82 @@ import contextlib
 import math
 import time
 from collections.abc import Awaitable, Callable, Generator, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 from tca_module.checks import BRIEF, TIMEOUT, check
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError
 from tca_module.link.one_thread import OfOneThread
 from tca_module.link.packet_line import PacketLine
-from tca_module.link.told_wait import ToldWait
-from tca_module.link.turns import Turns
 from tca_module.link.wait_loop import WaitLoop
 from tca_module.log import log_of
+from tca_module.session import given_up
 from tca_module.session.request import Request
 from tca_module.session.session import Session, quiet_within
 from tca_module.sockets.transport import Transport
+from tca_wire.messages.declarations import Message
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import Await
 
 PATIENCE = 10.0  # seconds without a word from central after which a wait ends with CentralLost
 _REST_WITHIN = 1.0  # seconds in which the rest arrives of what central says at one time
 _WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not there
+
+
+@dataclass(slots=True)
+class ToldWait:
+    """A wait of which central is told as long as it lasts: for news of an observation, or for the first of several
+    answers; used in a ``with`` block. Without requests none is told.
+
+    Of all other waits central knows by the requests themselves. Nothing is sent if there is nothing to wait for: a wait
+    is told when it has looked in vain at all that has come. It says how much that was, so that central, which may have
+    sent more, never takes a handler for waiting that is about to go on. News ends the wait for central, too.
+    """
+
+    connection: "Waits"
+    requests: Sequence[Request]
+    brief: bool
+    """It may end by itself, or soon does: no deadlock."""
+    blocking: bool = True
+    told: tuple[list[int], int] | None = None
+    """The requests, and the number of answers to observations among them, as central was told."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """It is over. Central knows, if an answer ended it; requests that are no observations are given up."""
+        if self.told is not None and self.told == self._now and isinstance(self.requests[0].header, Observe):
+            self._post(-1)
+            self.connection.line.flush(0.0, is_patient=True)
+
+    def until(self, is_over: Callable[[], bool]) -> Callable[[], bool]:
+        """*is_over*, with central told whenever it is not."""
+        return (lambda: is_over() or self._tell()) if self.requests else is_over
+
+    def _tell(self) -> bool:
+        """There is nothing new: have central told, unless it knows, or something is called first. Always False."""
+        if not (self.blocking and self.connection.waiting.has_news):
+            now = self._now
+            if now is not None and now != self.told:
+                self.told = now
+                self._post(now[1])
+        return False
+
+    def _post(self, seen: int) -> None:
+        number, *others = [one.header.number for one in self.requests]
+        origin = self.requests[0].header.origin
+        self.connection.session.post(Await(number, self.blocking, origin, others, self.brief, seen))
+
+    @property
+    def _now(self) -> tuple[list[int], int] | None:
+        """What to tell; None if an answer is under way: the last one, or the first, of how things stand."""
+        observed = [one for one in self.requests if isinstance(one.header, Observe)]
+        is_asked = all(one.was_sent and not one.is_over and one.path is None for one in self.requests)
+        if not (self.connection.session.is_welcome and is_asked and all(one.seen for one in observed)):
+            return None
+        return [one.header.number for one in self.requests], sum(one.seen for one in observed)
 
 
 class Waits(OfOneThread):
@@ -47,10 +103,10 @@ class Waits(OfOneThread):
         self.await_moment: Callable[[float], Awaitable[None]] | None = None  #: of the transport's clock; in asyncio
         self.now = clock  #: seconds; it never jumps
         self.line = PacketLine(session, transport, self.direct, clock)
-        turns = Turns(session, self.line, self._lock, clock)
-        self.waiting = WaitLoop(session, self.direct, self.line, turns, patience, clock)
+        self.waiting = WaitLoop(self.line, self._lock, patience)
         self.root_sender: object = None  #: the Sender with which callbacks send
         self.log = log_of(session.module)
+        self._declared: dict[str, Message[Any, Any]] = {}  # of which central has been told, by name
 
     # --- for answers -----------------------------------------------------------------------------------------------
 
@@ -76,7 +132,7 @@ class Waits(OfOneThread):
                     came = is_done() or self.waiting.unless_woken(is_told, timeout, what, request, since=since)
             except CentralLost as error:
                 self.abandon(request)
-                raise CentralLost(f"{error}; {what} {self.session.given_up.fate_of(request)}") from None
+                raise CentralLost(f"{error}; {what} {given_up.fate_of(self.session, request)}") from None
             except BaseException:
                 self.abandon(request)
                 raise
@@ -123,7 +179,7 @@ class Waits(OfOneThread):
     def abandon(self, request: Request) -> None:
         """Give a request up: nobody waits for its answer any more."""
         with self.mine():
-            self.session.given_up.abandon(request)
+            given_up.abandon(self.session, request)
             self.line.flush(0.0, is_patient=True)
 
     def give_up(self, request: Request) -> str:
@@ -132,7 +188,7 @@ class Waits(OfOneThread):
             if silence := self.silence:
                 self.abandon(request)
                 return silence
-            if (asked := self.session.given_up.ask_why(request)) is None:
+            if (asked := given_up.ask_why(self.session, request)) is None:
                 return "it went to its handler directly, which had not answered"
             with contextlib.suppress(CentralLost):
                 self.waiting.until(lambda: asked.is_over, _WHY_WITHIN)

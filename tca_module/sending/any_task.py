@@ -8,7 +8,7 @@ from tca_module.checks import LateText, check, is_brief
 from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
 from tca_module.link.packet_line import STALL
-from tca_module.link.told_wait import ToldWait
+from tca_module.link.waits import ToldWait
 from tca_module.sending.task_ref import TaskRef
 from tca_module.session.request import Request
 

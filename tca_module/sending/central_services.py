@@ -8,21 +8,17 @@ from typing import Any, Literal, TypeVar, overload
 import msgspec
 
 from tca_module import checks
-from tca_module.checks import check, is_brief
+from tca_module.checks import EXECUTED, check, is_brief
 from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
-from tca_module.link.questions import ask
 from tca_module.sending.claim import Claim
 from tca_module.sending.directory import HandlerInfo, MessageInfo, ModuleInfo
 from tca_module.sending.sibling_order import SiblingOrder
 from tca_wire.life_cycles import read_life_cycle
 from tca_wire.messages.controls import ExceptionHandler, Monitor
 from tca_wire.messages.declarations import (
-    Broadcast,
     Command,
     D,
-    Goal,
-    Inform,
     Message,
     MultiQuery,
     Query,
@@ -118,8 +114,8 @@ class CentralServices:
         """The newest value of a variable (TCA 7.7: GetVar); if never set *default*, or VariableNotSet is raised."""
         check("get_variable()", checks.VARIABLE, variable=variable)
         connection = self._declare(variable)
-        body = ask(connection, headers.GetVariable(0, variable.name), f"variable '{variable.name}'")
-        if body:
+        asked = connection.answered(headers.GetVariable(0, variable.name), f"variable '{variable.name}'")
+        if body := asked.answers[-1][1]:
             return variable.decode_data(body)
         if default is _NO_DEFAULT:
             raise VariableNotSet(f"variable '{variable.name}' was never set: set it first, watch it, or give a default")
@@ -135,7 +131,8 @@ class CentralServices:
         body = variable.encode_data(value)
         connection = self._declare(variable)
         header = headers.SetVariable(0, variable.name, self._origin, swap=True)
-        before = ask(connection, header, f"exchanging variable '{variable.name}'", body)
+        asked = connection.answered(header, f"exchanging variable '{variable.name}'", body)
+        before = asked.answers[-1][1]
         return variable.decode_data(before) if before else default
 
     # --- resources -------------------------------------------------------------------------------------------------
@@ -211,7 +208,8 @@ class CentralServices:
     # --- directory -------------------------------------------------------------------------------------------------
 
     def _ask_central(self, topic: Topic, within: float | None = ACKNOWLEDGED_WITHIN) -> bytes:
-        return ask(self._connection(), headers.Ask(0, topic), f"the question for {topic}", within=within)
+        asked = self._connection().answered(headers.Ask(0, topic), f"the question for {topic}", within=within)
+        return asked.answers[-1][1]
 
     def modules(self) -> list[ModuleInfo]:
         """The modules that are connected, this one too."""
@@ -277,7 +275,5 @@ class CentralServices:
         return f"not handled within {timeout:g} s: {', '.join(named[name] for name in missing)}"
 
 
-_KINDS: dict[str, Any] = {
-    str(kind.message_class): kind
-    for kind in (Inform, Query, Broadcast, MultiQuery, Goal, Command, Variable, ExceptionHandler)
-}
+_DECLARED: list[type[Message[Any, Any]]] = [*EXECUTED, Variable, ExceptionHandler]
+_KINDS: dict[str, Any] = {str(kind.message_class): kind for kind in _DECLARED}

@@ -7,8 +7,7 @@ from weakref import WeakMethod
 from tca_module.errors import NIL, MisuseError, Stopped
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import failed
-from tca_module.sending.reporting_task import ReportingTask
-from tca_module.sending.task_requests import ServerState
+from tca_module.sending.task_requests import ReportingTask, ServerState
 from tca_module.session.open_deliveries import current_delivery, working_on
 from tca_wire.messages.declarations import Message, R
 from tca_wire.messages.failures import FORGOTTEN, HANDLER_ERROR, MODULE_LOST

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Generator, Iterator
-from typing import Any, Generic, Self
+from typing import Any, Generic
 
 from tca_module.checks import TIMEOUT, check
 from tca_module.errors import BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
@@ -96,9 +96,6 @@ class PendingReplies(_Question, Iterator[R], Generic[R]):
         self._message = message
         self._deadline = None if timeout is None else connection.now() + timeout
         self._has_reply = False
-
-    def __iter__(self) -> Self:
-        return self
 
     def __next__(self) -> R:
         if not self._is_cancelled and self._has_answer():

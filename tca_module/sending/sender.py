@@ -1,8 +1,8 @@
 """Sender: the calls that send, the same for a handler's Task, a Module and a Client."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from typing import Any, TypedDict, Unpack, overload
+from typing import Annotated, Any, TypedDict, Unpack, overload
 
 from tca_module import checks
 from tca_module.checks import EXECUTED, LateText, check, check_class, check_function, check_options, is_brief
@@ -55,17 +55,17 @@ class TaskOptions(TypedDict, total=False):
         suspended: it is created suspended, and starts after ``resume()`` of its handle: order it with others before.
     """
 
-    sequential: bool
-    sequential_planning: bool
-    plan_first: bool
-    delay_planning: bool
-    priority: int
-    constraints: Sequence[Constraint]
-    on_failure: Sequence[Recovery]
-    deadline: float | None
-    delay: float
-    keep: bool
-    suspended: bool
+    sequential: Annotated[bool, checks.FLAG]
+    sequential_planning: Annotated[bool, checks.FLAG]
+    plan_first: Annotated[bool, checks.FLAG]
+    delay_planning: Annotated[bool, checks.FLAG]
+    priority: Annotated[int, checks.PRIORITY]
+    constraints: Annotated[Sequence[Constraint], checks.CONSTRAINTS]
+    on_failure: Annotated[Sequence[Recovery], _RECOVERIES]
+    deadline: Annotated[float | None, checks.DURATION_OR_NONE]
+    delay: Annotated[float, checks.SECONDS]
+    keep: Annotated[bool, checks.FLAG]
+    suspended: Annotated[bool, checks.FLAG]
 
 
 class QueryOptions(TypedDict, total=False):
@@ -82,28 +82,12 @@ class RepliesOptions(TypedDict, total=False):
     timeout: float | None
 
 
-_OPTIONS = dict.fromkeys(TaskOptions.__annotations__, checks.FLAG) | {
-    "priority": checks.PRIORITY,
-    "constraints": checks.CONSTRAINTS,
-    "on_failure": _RECOVERIES,
-    "deadline": checks.DURATION_OR_NONE,
-    "delay": checks.SECONDS,
-}
-"""The kind of value that each option takes."""
-
 _FLAGS = {
     "sequential_planning": Flags.SEQ_PLANNING,
     "plan_first": Flags.PLAN_FIRST,
     "delay_planning": Flags.DELAY_PLANNING,
 }
-
-
-def _flags_of(options: Mapping[str, object]) -> Flags:
-    """The options that are constraints between siblings, as central knows them."""
-    flags = Flags.NONE
-    for name, flag in _FLAGS.items():
-        flags |= flag if options.get(name) else Flags.NONE
-    return flags
+"""The options that are constraints between siblings, as central knows them."""
 
 
 class Sender(WatchingServices):
@@ -142,15 +126,16 @@ class Sender(WatchingServices):
     def _task_if(self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool) -> SentTask[R] | None:
         """The new task; None if *handled* and nobody handles the message."""
         if options:
-            check_options(message.title, options, _OPTIONS)
+            check_options(message.title, options, TaskOptions)
         body, recoveries = message.encode_data(data), options.get("on_failure", ())
         connection = self._declare(message, *(one.handler for one in recoveries))
         sequential = options.get("sequential", True)
         is_goal = message.message_class.is_goal
         flags, constraints = self._ordering.place(connection.session.epoch, is_goal=is_goal, sequential=sequential)
         constraints += options.get("constraints", ())
-        if not options.keys().isdisjoint(_FLAGS):
-            flags |= _flags_of(options)
+        for name, flag in _FLAGS.items():
+            if options.get(name):
+                flags |= flag
         if delay := options.get("delay"):
             constraints.append(not_before(THIS, delay))
         header = Send(

@@ -11,11 +11,10 @@ from tca_module.link.connection import Connection
 from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble, context_of
 from tca_module.sending.handler_errors import Aborted, Rejection
 from tca_module.sending.later_reply import LaterReply
-from tca_module.sending.reporting_task import ReportingTask
 from tca_module.sending.sender import Sender
 from tca_module.sending.task_points import TaskInterval
 from tca_module.sending.task_ref import FIND_IT, SteerableTask, TaskRef
-from tca_module.sending.task_requests import Requests, ServerState, TaskRequest
+from tca_module.sending.task_requests import ReportingTask, Requests, ServerState, TaskRequest
 from tca_module.session.epoch_numbers import check_epoch, with_epoch
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver
@@ -206,10 +205,6 @@ class Task(Sender, SteerableTask, ReportingTask):
             state = self._served() if self._task_id != ROOT else None
             self.later = LaterReply(connection, self._message, self._delivery, state)
         return self.later
-
-    def served(self) -> ServerState:
-        """The task's state, for the library itself."""
-        return self._served()
 
     def _served(self) -> ServerState:
         self._node()

@@ -13,9 +13,9 @@ from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed
 from tca_module.following.followed_task import FollowedTask, NamedTask, decode_progress, life_cycle_of
 from tca_module.following.observation import News, is_progress
 from tca_module.link.connection import Connection
-from tca_module.link.questions import answered
 from tca_module.sending.attachments import AttachmentRef, Recovery
 from tca_module.sending.task_points import TaskIntervals
+from tca_module.session import given_up
 from tca_module.session.epoch_numbers import with_epoch
 from tca_module.session.request import Request
 from tca_module.session.sent_tasks import SentId
@@ -225,7 +225,7 @@ class SteerableTask(TaskIntervals, NamedTask):
         asked = _RELATIONS.get(relation, relation)
         what = LateText(lambda: f"the question for the {f'{asked} of {self._in_words}' if self._node() else 'tasks'}")
         connection = self._connection()
-        request = answered(connection, header, what)
+        request = connection.answered(header, what)
         for row in msgspec.msgpack.decode(request.answers[-1][1]):
             info = TaskInfo.known_from(row, request.epoch)
             yield info, TaskRef(connection, info.message, info.id, self._origin)
@@ -321,7 +321,7 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
             if task.request.is_over:
                 raise
             self._link.abandon(task.request)
-            fate = f"{task.what} {self._link.session.given_up.fate_of(task.request)}"
+            fate = f"{task.what} {given_up.fate_of(self._link.session, task.request)}"
             raise CentralLost(f"{error}; {fate}") from None
 
     def _ask(self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False) -> Request:

@@ -1,4 +1,4 @@
-"""The state of a task as its handler knows it, and what clients ask of that: a new goal, the task's end.
+"""The state of a task as those who work on it know it, and what clients ask of that: a new goal, the task's end.
 
 The table of its life cycle says what the handler may do; what it may not is refused here, as far as the handler has
 looked at what clients have asked for. Where they were faster central decides (tca_central/life_cycles).
@@ -7,9 +7,9 @@ looked at what clients have asked for. Where they were faster central decides (t
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
-from tca_module.checks import quoted
+from tca_module.checks import NAME, TEXT, check, quoted
 from tca_module.errors import BadData, CentralLost, MisuseError
 from tca_module.following.followed_task import life_cycle_of
 from tca_module.following.stream import awaited
@@ -18,7 +18,7 @@ from tca_module.session.epoch_numbers import with_epoch
 from tca_module.session.open_deliveries import OpenDelivery
 from tca_module.session.request import Request
 from tca_wire.life_cycles import Effect, Transition
-from tca_wire.messages.declarations import Message
+from tca_wire.messages.declarations import Message, TaskMessage
 from tca_wire.packets.changes import ChangeState, Observe, Requested
 from tca_wire.packets.headers import Deliver
 from tca_wire.text.measures import numbered
@@ -294,6 +294,58 @@ class ServerState:
         return found
 
 
+class ReportingTask:
+    """A task that somebody works on: its handler, or whoever owes its reply."""
+
+    _message: Message[Any, Any]
+
+    def _served(self) -> ServerState:
+        """The task's state. Raises MisuseError for what is no task."""
+        raise NotImplementedError
+
+    @property
+    def state(self) -> str:
+        """The task's state, as far as is known here. Never waits."""
+        return self._served().state
+
+    def accept(self) -> None:
+        """Say that the task is begun; for handlers declared with ``accepts=True``. If an early cancel was rejected,
+        that has begun it, and this says nothing more.
+        """
+        self._served().begin()
+
+    def report(self, data: Any = None) -> None:
+        """Tell those who follow the task of an intermediate result, of the type *progress* of its message. Does not
+        wait. Raises BadData.
+        """
+        message = self._message
+        if not isinstance(message, TaskMessage):
+            raise MisuseError(f"{self} can't report(): only goals and commands have intermediate results")
+        served = self._served()
+        if data is not None and message.progress.kind is type(None):
+            raise MisuseError(f"{message.title} is declared without progress=, and report() was given {data!r:.60}")
+        try:
+            body = message.progress.encode(data)
+        except BadData as error:
+            raise BadData(f"the intermediate results of {message.title} are {message.progress}: {error}") from None
+        served.report(body)
+
+    def take(self, transition: str, why: str = "") -> None:
+        """Take a server's transition of the task's own life cycle: ``task.take("paused")``. Raises MisuseError for one
+        that is no server's, or not possible in the task's state.
+        """
+        check(f"take() of {self}", NAME, transition=transition)
+        check(f"'{transition}' of {self}", TEXT, why=why)
+        self._served().take(transition, why)
+
+    @property
+    def request(self) -> TaskRequest | None:
+        """The oldest open request of a client, if there is one: for handlers that say in ``takes=`` what they hear.
+        Never waits.
+        """
+        return self._served().oldest
+
+
 class Requests(Iterator[TaskRequest], AsyncIterator[TaskRequest]):
     """What clients ask of a task, each once: ``for`` waits for each, in async handlers ``async for``. The task's end,
     and that of the module, raise TaskKilled and Stopped, or CancelledError.
@@ -302,16 +354,10 @@ class Requests(Iterator[TaskRequest], AsyncIterator[TaskRequest]):
     def __init__(self, served: ServerState) -> None:
         self._served = served
 
-    def __iter__(self) -> Self:
-        return self
-
     def __next__(self) -> TaskRequest:
         found = self._served.wait(None)
         assert found is not None
         return found
-
-    def __aiter__(self) -> Self:
-        return self
 
     async def __anext__(self) -> TaskRequest:
         return await self._served.come()

@@ -1,12 +1,12 @@
 """Watching tasks, from any Sender: their states, exception handlers, wiretaps and monitors."""
 
-from collections.abc import Collection, Mapping
-from typing import Any, TypedDict, Unpack, overload
+from collections.abc import Collection
+from typing import Annotated, Any, TypedDict, Unpack, overload
 
 from tca_module import checks
 from tca_module.checks import LateText, check, check_class, check_message, check_options
 from tca_module.errors import MisuseError
-from tca_module.following.followed_task import check_states, life_cycle_of
+from tca_module.following.followed_task import cancels_of, check_states, life_cycle_of
 from tca_module.following.observation import Observation
 from tca_module.following.stream import Stream
 from tca_module.link.connection import Connection
@@ -17,7 +17,6 @@ from tca_module.sending.task_ref import Change, SentTask, TaskRef, change_of, no
 from tca_module.session.epoch_numbers import EpochNumber, check_epoch, with_epoch
 from tca_module.session.sent_tasks import SentId
 from tca_wire.constraints import Constraint, Flags
-from tca_wire.life_cycles import LifeCycle
 from tca_wire.messages.controls import DemonMonitor, ExceptionHandler, Monitor, PointMonitor, PollingMonitor
 from tca_wire.messages.declarations import Command, D, Failure, Goal, Message, R
 from tca_wire.packets.changes import Observe
@@ -25,7 +24,7 @@ from tca_wire.packets.headers import Attach, Fire, Send, Tap
 from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.text.measures import numbered
-from tca_wire.vocabulary import Condition, Party
+from tca_wire.vocabulary import Condition
 
 
 class Watched(TypedDict, total=False):
@@ -42,13 +41,13 @@ class Watched(TypedDict, total=False):
             monitor has acted.
     """
 
-    period: float
-    maximum: int | None
-    fire_every: int
-    initial_wait: bool
-    duration: float | None
-    until: Point | None
-    waited_for: bool
+    period: Annotated[float, checks.DURATION_OR_NONE]
+    maximum: Annotated[int | None, checks.MAXIMUM]
+    fire_every: Annotated[int, checks.COUNT]
+    initial_wait: Annotated[bool, checks.FLAG]
+    duration: Annotated[float | None, checks.DURATION_OR_NONE]
+    until: Annotated[Point | None, checks.POINT_OR_NONE]
+    waited_for: Annotated[bool, checks.FLAG]
 
 
 class MonitorOptions(Watched, total=False):
@@ -61,21 +60,9 @@ class MonitorOptions(Watched, total=False):
         suspended: it is created suspended, and watches only after ``resume()`` of its handle.
     """
 
-    sequential: bool
-    constraints: list[Constraint]
-    suspended: bool
-
-
-_WATCHED = {
-    "period": checks.DURATION_OR_NONE,
-    "maximum": checks.MAXIMUM,
-    "fire_every": checks.COUNT,
-    "initial_wait": checks.FLAG,
-    "duration": checks.DURATION_OR_NONE,
-    "until": checks.POINT_OR_NONE,
-    "waited_for": checks.FLAG,
-}
-_OPTIONS = _WATCHED | {"sequential": checks.FLAG, "constraints": checks.CONSTRAINTS, "suspended": checks.FLAG}
+    sequential: Annotated[bool, checks.FLAG]
+    constraints: Annotated[list[Constraint], checks.CONSTRAINTS]
+    suspended: Annotated[bool, checks.FLAG]
 
 
 _STATES = checks.ArgumentKind(
@@ -177,7 +164,7 @@ class WatchingServices(CentralServices):
         living = {int(task.id) for task in self.tasks(message)} if sent else set()
         number = 0
         for kind, task in sent:
-            if _may_live(task, living, connection) and _can_be_cancelled(life_cycle_of(connection.declared(kind))):
+            if _may_live(task, living, connection) and cancels_of(life_cycle_of(connection.declared(kind))):
                 TaskRef(connection, kind, task, self._origin).cancel(why)
                 number += 1
         return number
@@ -233,7 +220,7 @@ class WatchingServices(CentralServices):
         check_message(listener)
         watch = None
         if isinstance(listener, Monitor):
-            watch = _watch_options(listener, options, _WATCHED)
+            watch = _watch_options(listener, options, Watched)
         elif options:
             raise MisuseError(f"tap(): {min(options)} is for monitors that listen, not for {listener!r:.60}")
         check("tap()", checks.FLAG, at_once=at_once)
@@ -260,7 +247,7 @@ class WatchingServices(CentralServices):
         for nothing but such monitors; one that is *waited_for* keeps it until its own end (maximum, duration, until).
         """
         check_class(monitor, Monitor, call="monitor")
-        watch, body = _watch_options(monitor, options, _OPTIONS), monitor.encode_data(data)
+        watch, body = _watch_options(monitor, options, MonitorOptions), monitor.encode_data(data)
         connection = self._declare(monitor)
         is_task, sequential = isinstance(monitor, PointMonitor), options.get("sequential", True)
         flags, constraints = Flags.NONE, list[Constraint]()
@@ -291,11 +278,12 @@ class WatchingServices(CentralServices):
         """
         if isinstance(monitor, MonitorRef):
             return monitor.fire(action, data)
-        which, message = ROOT, ""
         if isinstance(monitor, TaskRef):
-            which = node_of(monitor)
+            which, message = node_of(monitor), ""
         else:
-            message = name_of_monitor(monitor, action)
+            check_class(monitor, Monitor, call="fire")
+            check_action(monitor.title, fired_with(monitor), action)
+            which, message = ROOT, monitor.name
         if action is not None:
             check_message(action)
         name, body = (action.name, action.encode_data(data)) if action is not None else ("", b"")
@@ -315,29 +303,16 @@ def _may_live(task: TaskId, living: set[int], connection: Connection) -> bool:
     return not is_foreign and int(task) in living
 
 
-def _can_be_cancelled(cycle: LifeCycle) -> bool:
-    return any(row.by is Party.CLIENT and cycle.ends_on_request(row.target) for row in cycle.transitions)
-
-
-def name_of_monitor(monitor: Monitor[Any], action: Any) -> str:
-    """The name of a monitor that is fired. Raises MisuseError if it is none, or can't be fired with that action."""
-    check_class(monitor, Monitor, call="fire")
-    check_action(monitor.title, fired_with(monitor), action)
-    return monitor.name
-
-
 def fired_with(monitor: Monitor[Any]) -> str:
     """The message that a monitor is fired with; "" if it tests a condition, or has no action."""
     action = monitor.parts[1] if isinstance(monitor, DemonMonitor) else None
     return action.name if action is not None else ""
 
 
-def _watch_options(
-    monitor: Monitor[Any], options: Watched | MonitorOptions, kinds: Mapping[str, checks.ArgumentKind]
-) -> WatchOptions:
+def _watch_options(monitor: Monitor[Any], options: Watched | MonitorOptions, declared: type) -> WatchOptions:
     """The options as central knows them. Raises MisuseError for those that the monitor can't have."""
     what = monitor.title
-    check_options(what, options, kinds)
+    check_options(what, options, declared)
     for name in ("period", "initial_wait"):
         if name in options and not isinstance(monitor, PollingMonitor):
             raise MisuseError(f"{what} can't have {name}: only polling monitors test again and again")

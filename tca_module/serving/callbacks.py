@@ -3,17 +3,23 @@
 import math
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from operator import itemgetter
 from typing import Any, Protocol
 
 from tca_module.checks import DELAY, PERIOD, check, check_function
 from tca_module.errors import MisuseError
+from tca_module.following.mirror import ChangeCallback
+from tca_module.following.observation import Observation
 from tca_module.link.connection import Connection
 from tca_module.log import log_of
 from tca_module.sending.sender import Sender
+from tca_module.sending.task_ref import Change, change_of
+from tca_module.sending.watching import checked_states
 from tca_module.sockets.transport import Transport
+from tca_wire.messages.declarations import Message
+from tca_wire.packets.changes import Observe
 
 
 class HasFileno(Protocol):
@@ -21,6 +27,9 @@ class HasFileno(Protocol):
 
     def fileno(self) -> int:
         """The number of its file."""
+
+
+ObservingFunction = Callable[[Sender, Change], object] | Callable[[Change], object]
 
 
 class DueTime:
@@ -112,9 +121,14 @@ class Callbacks:
             self.files[file] = callback
             return self._add(callback)
 
-    def observe(self, observer: Callable[[Connection], None]) -> None:
-        """Call a function with changes of tasks' states, from the thread's beginning on."""
-        self._observers.append(observer)
+    def observe(self, message: Message[Any, Any] | None, states: Collection[str], function: ObservingFunction) -> None:
+        """Call a function with changes of tasks' states, whoever sends and handles them, from the thread's beginning
+        on.
+        """
+        check_function("observes()", function, "(sender, change) or (change)", (2, 1))
+        wanted = checked_states("observes()", message, states)
+        header = Observe(0, message=message.name if message is not None else "", states=wanted)
+        self._observers.append(partial(_observe, message, header, function))
 
     def _add(self, callback: Callback) -> Callback:
         with self._lock:
@@ -190,6 +204,17 @@ class Callbacks:
             if callback.when is not None:
                 callback.when.was_done(self._transport.time())
         return True
+
+
+def _observe(
+    message: Message[Any, Any] | None, header: Observe, function: ObservingFunction, connection: Connection
+) -> None:
+    """Have the thread of a connection call *function* from now on. Raises what ``declare`` does."""
+    if message is not None:
+        connection.declare(message)
+    what = f"observing '{message.name}'" if message is not None else "observing all tasks"
+    callback = ChangeCallback("observes()", connection, function, lambda news: change_of(connection, news))
+    Observation(connection, header, what).call(callback.put)
 
 
 def _checked_file(source: Any) -> int:

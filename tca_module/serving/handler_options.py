@@ -1,7 +1,7 @@
 """The options with which a message is handled, checked when its handler is declared."""
 
 from collections.abc import Collection, Mapping
-from typing import Any, Literal, NamedTuple, TypedDict
+from typing import Annotated, Any, Literal, NamedTuple, TypedDict
 
 from tca_module import checks
 from tca_module.checks import ArgumentKind, check_options, quoted
@@ -13,6 +13,13 @@ from tca_wire.packets.parts import HandlerFormat
 from tca_wire.vocabulary import Busy, Party
 
 WhenBusy = Literal["queue", "preempt", "reject"]
+
+
+BUSY = checks.one_of("'queue', 'preempt' or 'reject'", Busy)
+_TRANSITIONS = ArgumentKind(
+    "a list of transitions, such as ['update', 'cancel']",
+    lambda value: isinstance(value, list | tuple | set | frozenset) and all(isinstance(one, str) for one in value),
+)
 
 
 class HandlerOptions(TypedDict, total=False):
@@ -33,25 +40,16 @@ class HandlerOptions(TypedDict, total=False):
             or "reject". Default: None, as its resource says.
     """
 
-    resource: str | None
-    pool: str | None
-    pending: int | None
-    direct: bool
-    accepts: bool
-    takes: Collection[str]
-    refuses: Collection[str]
-    when_busy: WhenBusy | None
+    resource: Annotated[str | None, checks.NAME_OR_NONE]
+    pool: Annotated[str | None, checks.NAME_OR_NONE]
+    pending: Annotated[int | None, checks.PENDING]
+    direct: Annotated[bool, checks.FLAG]
+    accepts: Annotated[bool, checks.FLAG]
+    takes: Annotated[Collection[str], _TRANSITIONS]
+    refuses: Annotated[Collection[str], _TRANSITIONS]
+    when_busy: Annotated[WhenBusy | None, BUSY.or_none()]
 
 
-BUSY = checks.one_of("'queue', 'preempt' or 'reject'", Busy)
-_TRANSITIONS = ArgumentKind(
-    "a list of transitions, such as ['update', 'cancel']",
-    lambda value: isinstance(value, list | tuple | set | frozenset) and all(isinstance(one, str) for one in value),
-)
-_KINDS = {
-    "resource": checks.NAME_OR_NONE, "pool": checks.NAME_OR_NONE, "pending": checks.PENDING, "direct": checks.FLAG,
-    "accepts": checks.FLAG, "takes": _TRANSITIONS, "refuses": _TRANSITIONS, "when_busy": BUSY.or_none(),
-}  # fmt: skip
 _OF_TASKS = ("accepts", "takes", "refuses", "when_busy")
 
 
@@ -73,7 +71,7 @@ def checked_format(
     message can't be handled.
     """
     checks.check("handles()", checks.MESSAGE, message=message)
-    check_options(message.title, options, _KINDS)
+    check_options(message.title, options, HandlerOptions)
     _check(message, options.get("pending"), direct=options.get("direct", False))
     _check_transitions(message, options)
     resource = options.get("resource") or own

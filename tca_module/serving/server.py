@@ -91,7 +91,7 @@ class ServerHandler(Handler):
     def task(self, connection: Connection, delivery: Deliver) -> Task:
         """A message to be handled; what clients ask of it is given to the server from now on."""
         task = super().task(connection, delivery)
-        served = task.served()
+        served = task._served()  # noqa: SLF001 - not for users
         served.is_conversing = True
 
         def hear() -> None:

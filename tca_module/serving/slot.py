@@ -55,8 +55,8 @@ class Slot:
         self.callbacks = callbacks  #: that its thread calls
         self.opened = threading.Event()  #: messages are handled, or *error* says why not
         self._serving = serving
-        self._hello = hello
-        self._opened: Connection | None = None
+        self.hello = hello  #: the resource that it handles messages for, and the number of its connection
+        self._connection: Connection  # from its beginning on
         self._loop: EventLoop | None = None  #: made when it is first needed
         self._owed = WeakSet[LaterReply[Any]]()  #: answers that handlers left to others, who alone keep them
         self._log = log_of(hello.module)
@@ -70,10 +70,10 @@ class Slot:
 
     def _run(self) -> None:
         central, patience, _, handlers, stop, attachments = self._serving
-        mine = [one for one in handlers.values() if one.resource == self._hello.resource]
+        mine = [one for one in handlers.values() if one.resource == self.hello.resource]
         direct = [handler.message for handler in mine if handler.format.direct]
         try:
-            self._serve(open_connection(central, self._hello, patience, stop.is_set, direct, attachments))
+            self._serve(open_connection(central, self.hello, patience, stop.is_set, direct, attachments))
         except Stopped:
             self.opened.set()
         except BaseException as error:  # noqa: BLE001 - shown by the module's own thread
@@ -84,7 +84,7 @@ class Slot:
             self.opened.set()
 
     def _serve(self, connection: Connection) -> None:
-        self._opened = connection
+        self._connection = connection
         self._serving.stop.wakes(connection.transport.wake)
         connection.waiting.handle_delivery = self._attend
         connection.session.open_deliveries.is_ending = self._is_over
@@ -99,7 +99,7 @@ class Slot:
                 if self.is_replaced:
                     return
                 self._serving.stop.set()
-                what, module = type(error).__name__, self._hello.module
+                what, module = type(error).__name__, self.hello.module
                 self._log.error("module '%s' ends, and handles nothing any more: %s", module, what, exc_info=error)
                 connection.post(Unregister(0, []), b"")  # now the senders find the handlers of other modules
                 stack.callback(self._say_goodbye, connection, error)
@@ -111,21 +111,6 @@ class Slot:
                     self._loop.close()
             if not self.is_replaced:
                 self._say_goodbye(connection)
-
-    @property
-    def _connection(self) -> Connection:
-        assert self._opened is not None
-        return self._opened
-
-    @property
-    def number(self) -> int:
-        """Its connection's."""
-        return self._hello.connection
-
-    @property
-    def resource(self) -> str:
-        """The resource that it handles messages for."""
-        return self._hello.resource
 
     def _is_over(self) -> bool:
         return self.is_replaced or self._serving.stop.is_set()
@@ -226,7 +211,6 @@ class Slots:
         self._slots: list[Slot] = []
         self._opened = 0  #: number of all slots that were ever opened
         self.left_behind = 0  #: number of those whose handlers hung
-        self._threads: set[str] = set()  #: resources that have a thread
         self._open_slot: OpenSlot | None = None  #: while the module runs
 
     def open(self, resources: Iterable[str], plans: Mapping[str, ResourcePlan], open_slot: OpenSlot) -> None:
@@ -256,7 +240,6 @@ class Slots:
                 slot.join()
         errors = [slot.error for slot in self._slots if slot.error is not None]
         self._slots.clear()
-        self._threads.clear()
         self._opened = 0
         return errors
 
@@ -268,18 +251,20 @@ class Slots:
     def callbacks(self, resource: str) -> Callbacks:
         """The callbacks of a resource's thread, started if the module runs. Raises MisuseError if it can't be."""
         with self._lock:
-            if self._open_slot is not None and resource not in self._threads:
+            if self._open_slot is not None and not self._has_thread(resource):
                 if resource != CALLBACKS:
                     what = f"resource '{resource}' of module '{self._module}' has no thread"
                     raise MisuseError(f"{what}: before run(), declare what it handles or calls")
                 self._open(resource, self._open_slot)
             return self._callbacks.setdefault(resource, Callbacks(self._module))
 
+    def _has_thread(self, resource: str) -> bool:
+        return any(slot.hello.resource == resource for slot in self._slots)
+
     def _open(self, resource: str, open_slot: OpenSlot) -> None:
         callbacks = Callbacks(self._module)  # of a further thread of the resource: it has none to call
-        if resource not in self._threads:
+        if not self._has_thread(resource):
             callbacks = self._callbacks.setdefault(resource, callbacks)
-        self._threads.add(resource)
         self._add(resource, callbacks, open_slot)
 
     def _add(self, resource: str, callbacks: Callbacks, open_slot: OpenSlot) -> None:
@@ -289,7 +274,7 @@ class Slots:
     def replace(self, number: int, why: str) -> None:
         """Leave a slot behind whose handler hangs, and open another one in its place."""
         with self._lock:
-            hung = next((slot for slot in self._slots if slot.number == number), None)
+            hung = next((slot for slot in self._slots if slot.hello.connection == number), None)
             if hung is None or self._open_slot is None:
                 return
             hung.is_replaced = True
@@ -298,4 +283,4 @@ class Slots:
             self._log.warning(
                 "module '%s': %s; another thread takes its place (left behind: %d)", self._module, why, self.left_behind
             )
-            self._add(hung.resource, hung.callbacks, self._open_slot)
+            self._add(hung.hello.resource, hung.callbacks, self._open_slot)

@@ -17,7 +17,6 @@ from weakref import WeakValueDictionary
 import msgspec
 
 from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, first_foreign, numbers_in
-from tca_module.session.given_up import GivenUpRequests
 from tca_module.session.joined_replies import HeldReplies, Item
 from tca_module.session.lasting_attachments import LastingAttachments, is_lasting
 from tca_module.session.open_deliveries import OpenDeliveries
@@ -60,8 +59,8 @@ class Session:
         """*attachments*: of the module, where it has several connections; the first one attaches them anew."""
         self._hello = msgspec.structs.replace(hello, number=HELLO_NUMBER)
         self._newest = HELLO_NUMBER
-        self._requests: dict[int, Request] = {}  #: not over, by number, oldest first
-        self._messages: dict[str, MessageFormat] = {}  #: declared, to be declared again
+        self.requests: dict[int, Request] = {}  #: not over, by number, oldest first
+        self.messages: dict[str, MessageFormat] = {}  #: declared, to be declared again
         self._handlers: dict[str, HandlerFormat] = {}
         self._is_ready = False  #: central was told that all is attached that is attached at the start
         self.sends = TaskSends()  #: tasks that were sent without waiting
@@ -91,7 +90,6 @@ class Session:
         self.attachments = LastingAttachments() if attachments is None else attachments
         own = LastingAttachments() if hello.connection else self.attachments
         self.redeclaration = Redeclaration(own, self.request, self.complaints.append, self._declare_handlers)
-        self.given_up = GivenUpRequests(self._requests, self._messages, self.request, self.sends)
 
     # --- calls of the module ---------------------------------------------------------------------------------------
 
@@ -107,20 +105,17 @@ class Session:
         self.adopt(request)
         return request
 
-    def send_task(self, header: headers.Send, body: bytes, what: str) -> Request:
-        """Send a task, *what*, for whose id nobody waits yet; what it comes to is among ``sends`` if that is bad."""
+    def send(self, header: headers.Send | ChangeState, body: bytes, what: str) -> Request:
+        """Send a task, or change the state of one, as *what* says, without waiting for central's word; what it comes to
+        is among ``sends`` if that is bad.
+        """
         check_fields(header)
-        request = Request(msgspec.structs.replace(header, quiet=True), body, wants_answer=False)
+        if isinstance(header, headers.Send):
+            header = msgspec.structs.replace(header, quiet=True)
+        request = Request(header, body, wants_answer=False)
         request.what, request.by = what, self.open_deliveries.name_of(header.origin)
         self.sends.untold += 1
         self.adopt(request)
-        return request
-
-    def send_change(self, header: ChangeState, body: bytes, what: str) -> Request:
-        """Change a task's state, as *what* says, without waiting for central's word; otherwise like ``send_task``."""
-        request = self.request(header, body)
-        request.what, request.by = what, self.open_deliveries.name_of(header.origin)
-        self.sends.untold += 1
         return request
 
     def _send(self, request: Request) -> None:
@@ -139,7 +134,7 @@ class Session:
     def _number(self, request: Request) -> None:
         self._newest += 1
         request.header = msgspec.structs.replace(request.header, number=self._newest)
-        self._requests[self._newest] = request
+        self.requests[self._newest] = request
 
     def post(self, header: headers.ToCentral, body: bytes = b"") -> bool:
         """Say something that has no answer; False if it is lost because central is not there."""
@@ -215,7 +210,7 @@ class Session:
     @property
     def is_claiming(self) -> bool:
         """Whether a claim is open: what has to wait for it may yet come ahead."""
-        return any(isinstance(one.header, headers.Lock | headers.GiveUp) for one in self._requests.values())
+        return any(isinstance(one.header, headers.Lock | headers.GiveUp) for one in self.requests.values())
 
     def make_way(self, header: headers.ToCentral) -> None:
         """Give back what came ahead before a claim, which might wait for it. Where no handler runs, but a callback, the
@@ -236,7 +231,7 @@ class Session:
 
     def declared(self, messages: list[MessageFormat], handlers: list[HandlerFormat], *, is_ready: bool = False) -> None:
         """Remember what central has accepted, to declare it again after a restart."""
-        self._messages.update({message.name: message for message in messages})
+        self.messages.update({message.name: message for message in messages})
         self._handlers.update({handler.message: handler for handler in handlers})
         self._is_ready |= is_ready
 
@@ -275,7 +270,7 @@ class Session:
         dropped = self.dropped
         for header, _ in self.outgoing:
             self.dropped += isinstance(header, headers.Send | headers.SetVariable) and not header.number
-            if (request := self._requests.get(getattr(header, "number", 0))) is not None:
+            if (request := self.requests.get(getattr(header, "number", 0))) is not None:
                 request.was_sent = request.repeated
         self.doubtful += self.unheard - (self.dropped - dropped)
         self._arrived = self._posted
@@ -303,16 +298,16 @@ class Session:
             self._forget()
             self._renew()
         self.is_welcome = True
-        is_anything = self._messages or self._handlers or self._is_ready
+        is_anything = self.messages or self._handlers or self._is_ready
         if is_back and is_anything and (self.redeclaration.is_over or not is_new):
-            is_over, messages = self.redeclaration.is_over, list(self._messages.values())
+            is_over, messages = self.redeclaration.is_over, list(self.messages.values())
             handlers = list(self._handlers.values()) if is_over else []
             # Number 0: a new number would be higher than those repeated below, which central would take for answered.
             self._declare(messages, handlers, is_ready=is_over and self._is_ready)
         if is_back and not is_new:
             self._declare_what_may_be_forgotten()
             self._observe_anew()
-        for request in self._requests.values():
+        for request in self.requests.values():
             request.repeated = request.was_sent
             if request.what and isinstance(request.header, headers.Send):  # it is answered by itself
                 request.header = msgspec.structs.replace(request.header, quiet=False)
@@ -323,27 +318,27 @@ class Session:
         """Declare the handlers that central may have accepted, and forgotten with the connection: to the repeated
         request it only gives the answer that it gave then.
         """
-        for header in [request.header for request in self._requests.values() if request.was_sent]:
+        for header in [request.header for request in self.requests.values() if request.was_sent]:
             if isinstance(header, headers.Register) and (header.handlers or header.is_ready):
                 self.outgoing.append((msgspec.structs.replace(header, number=0), b""))
 
     def _observe_anew(self) -> None:
         """Observe under new numbers: what central has told meanwhile is lost, and now it tells how things stand."""
-        observing = [one for one in self._requests.values() if isinstance(one.header, Observe) and one.was_sent]
+        observing = [one for one in self.requests.values() if isinstance(one.header, Observe) and one.was_sent]
         for request in observing:
             number = request.header.number
-            del self._requests[number]
+            del self.requests[number]
             self._number(Request(headers.GiveUp(number), b"", wants_answer=True))
             request.was_sent = False
             self._number(request)
 
     def _renew(self) -> None:
         """Redeclare to a new central before all else, under the lowest numbers."""
-        waiting = dict(self._requests)
-        self._requests.clear()
-        self.redeclaration.begin(self.epoch, self._messages)
-        if not self._requests:
-            self._requests.update(waiting)
+        waiting = dict(self.requests)
+        self.requests.clear()
+        self.redeclaration.begin(self.epoch, self.messages)
+        if not self.requests:
+            self.requests.update(waiting)
             return
         for request in waiting.values():
             self._number(request)
@@ -357,9 +352,9 @@ class Session:
 
     def _forget(self) -> None:
         """Central was restarted and has lost its tree."""
-        for number, request in list(self._requests.items()):
+        for number, request in list(self.requests.items()):
             if request.settled is not None:
-                del self._requests[number]  # a renewed request is sent anew
+                del self.requests[number]  # a renewed request is sent anew
                 continue
             named = first_foreign(numbers_in(request.header), self.epoch)
             if named is not None or refers_to_tasks(request.header):
@@ -380,7 +375,7 @@ class Session:
 
     def _answered(self, number: int) -> Request | None:
         """The request that central answers; what was sent before it has arrived."""
-        request = self._requests.get(number)
+        request = self.requests.get(number)
         if request is not None:
             self._arrived = max(self._arrived, request.mark)
             if request is self._confirming:
@@ -396,7 +391,7 @@ class Session:
             what = numbered(asked.message if isinstance(asked, headers.Send) else "number", header.id)
             request.accepted = number = EpochNumber(header.id, self.epoch, what)
             if request.settled is None and is_lasting(asked):
-                self.attachments.add(asked, self._messages, number)
+                self.attachments.add(asked, self.messages, number)
             self.end(request)
 
     def _on_tasks_made(self, header: headers.TasksMade, _: bytes) -> None:
@@ -433,7 +428,7 @@ class Session:
         if self.refused is None:
             self.refused = header
             self.complaints += [f"central refuses this module: {header.text}"] * bool(self.epoch)
-        for request in list(self._requests.values()):
+        for request in list(self.requests.values()):
             self._refuse(request)
         for lock in self._locks.values():
             lock.taken = header.text
@@ -448,7 +443,7 @@ class Session:
     def _ask_again(self, request: Request) -> None:
         """Repeat a request that central dropped when the connection broke."""
         if isinstance(request.header, HARMLESS):
-            del self._requests[request.header.number]
+            del self.requests[request.header.number]
             request.taken, request.repeated = "", False
             self._number(request)
             self._send(request)
@@ -473,7 +468,7 @@ class Session:
 
     def end(self, request: Request, lost: str = "") -> None:
         """A request is over, or was *lost*: call those who want to know."""
-        self._requests.pop(request.header.number, None)  # one that went directly has no number here
+        self.requests.pop(request.header.number, None)  # one that went directly has no number here
         request.is_over = True
         if lost:
             request.lost = lost
@@ -510,7 +505,7 @@ class Session:
         (self.ahead if header.ahead else self.deliveries).append((header, body))
 
     def _on_taken(self, header: headers.Taken, _: bytes) -> None:
-        lock = self._locks.pop(header.number, None) or self._requests.get(header.number)
+        lock = self._locks.pop(header.number, None) or self.requests.get(header.number)
         if lock is not None:  # the answer that grants it may have been lost, and comes again after this
             lock.taken = header.text
 
@@ -519,7 +514,7 @@ class Session:
             self.replace_slot(header.number, header.text)
 
     def _on_unknown(self, header: headers.Unknown, _: bytes) -> None:
-        if (request := self._requests.get(header.number)) is not None:
+        if (request := self.requests.get(header.number)) is not None:
             request.was_sent = request.repeated  # it was not done; and if sent only once, by nobody else
         if self.is_welcome:
             self.break_off()

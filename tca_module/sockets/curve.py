@@ -17,10 +17,7 @@ def show_key(socket: "zmq.Socket[bytes]", address: str) -> ClientKey | None:
     """Have a socket show this program's key to the central at *address*, and to no other; before it connects. Returns
     the key; None: none is shown. Raises MisuseError.
     """
-    try:
-        key = client_key(address)
-    except KeyRefused as error:
-        raise MisuseError(str(error)) from None
+    key = key_for(address)
     if key is not None:
         put_key(socket, key)
     return key
@@ -33,10 +30,10 @@ def put_key(socket: "zmq.Socket[bytes]", key: ClientKey) -> None:
     socket.setsockopt(zmq.CURVE_SECRETKEY, key.secret.encode())
 
 
-def shows_key(address: str) -> bool:
-    """Whether this program shows a key to the central at *address*."""
+def key_for(address: str) -> ClientKey | None:
+    """The key that this program shows the central at *address*; None: none. Raises MisuseError."""
     try:
-        return client_key(address) is not None
+        return client_key(address)
     except KeyRefused as error:
         raise MisuseError(str(error)) from None
 

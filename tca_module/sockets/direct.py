@@ -13,7 +13,7 @@ from secrets import token_hex
 
 import zmq
 
-from tca_module.sockets.curve import make_server, shows_key, speak_only_to
+from tca_module.sockets.curve import key_for, make_server, speak_only_to
 from tca_module.sockets.pulse import KEEPALIVE
 from tca_module.sockets.transport import DONTWAIT, EVENTS, POLLIN, SNDMORE, context
 from tca_wire.packets.routes import Entrance
@@ -67,13 +67,14 @@ class EntranceSocket(_DirectSocket):
     def __init__(self, central: str) -> None:
         super().__init__(zmq.ROUTER)
         self.is_paused = False  #: packets stay in the socket
-        self.public_key = make_server(self._socket) if shows_key(central) else ""  #: whoever connects needs it
+        public_key = make_server(self._socket) if key_for(central) is not None else ""  # whoever connects needs it
         self._socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
         try:
-            self.endpoint = _bind(self._socket, central)
+            endpoint = _bind(self._socket, central)
         except (OSError, ValueError) as error:  # ZMQError is an OSError
             self._socket.close(linger=0)
             raise OSError(str(error)) from None
+        self.entrance = Entrance(endpoint, token_hex(16), public_key)  #: as central is told of it
 
     def has_arrived(self) -> bool:
         """Whether there is a packet to receive, and it is not paused."""
@@ -98,8 +99,8 @@ class EntranceSocket(_DirectSocket):
     def close(self) -> None:
         """Close; packets already sent still leave, for a second."""
         super().close()
-        if self.endpoint.startswith("ipc://"):
-            Path(self.endpoint.removeprefix("ipc://")).unlink(missing_ok=True)
+        if self.entrance.endpoint.startswith("ipc://"):
+            Path(self.entrance.endpoint.removeprefix("ipc://")).unlink(missing_ok=True)
 
 
 class PathSocket(_DirectSocket):

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import zmq
 
 from tca_module.errors import MisuseError
-from tca_module.sockets.curve import show_key, why_not_let_in
+from tca_module.sockets.curve import show_key
 from tca_module.sockets.pulse import KEEPALIVE, Pulse, pulse_to
 
 _OPTIONS = (
@@ -148,11 +148,6 @@ def is_turned_away(address: str) -> bool:
             return not probe.recv(1)
     except (OSError, ValueError) as error:
         return isinstance(error, ConnectionResetError)
-
-
-def what_keys_lack(address: str) -> str:
-    """What is wrong with the key that this program shows the central at *address*; "" if nothing is."""
-    return why_not_let_in(context(), address)
 
 
 def _probe(address: str) -> sockets.socket:

@@ -297,11 +297,11 @@ def test_direct_messages_are_encrypted_and_end_with_the_key(
 
         def goes_directly() -> bool:
             assert user.query(SQUARE, 3, timeout=SOON) == 9
-            return any(path.is_usable for path in link.direct._routes.paths.values())
+            return any(path.is_usable for path in link.direct.routes.paths.values())
 
         until(goes_directly, "queries go directly")
         assert user.query(SQUARE, 4, timeout=SOON) == 16
-        (path,) = link.direct._routes.paths.values()
+        (path,) = link.direct.routes.paths.values()
         assert path.entrance.curve
         with zmq.Context() as context, context.socket(zmq.DEALER) as stranger:  # who knows all but the public key
             stranger.linger = 0

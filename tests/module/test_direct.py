@@ -409,7 +409,7 @@ def test_over_tcp_the_entrance_is_where_central_is_reached(tmp_path: Path) -> No
     with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address) as user:
         with a_map(central).running():
             ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
-            ((path,),) = user._connection().direct._routes._routes.values()
+            ((path,),) = user._connection().direct.routes._routes.values()
             assert path.entrance.endpoint.startswith("tcp://127.0.0.1:")
         assert not list(tmp_path.iterdir())
 

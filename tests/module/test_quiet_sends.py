@@ -248,7 +248,7 @@ def test_the_log_names_the_handler_that_has_not_heard_of_it(
     connection, central = connected(silent)
     session = connection.session
     session.open_deliveries.begin(9, "rest {1}")
-    request = session.send_task(headers.Send(0, "stop", origin=9), b"", "command 'stop'")
+    request = session.send(headers.Send(0, "stop", origin=9), b"", "command 'stop'")
     if not is_heard:
         session.reply(headers.Reply(9), b"")
     central.say(headers.Refused(request.header.number, Refusal.CYCLE, "a circle"))

@@ -4,6 +4,7 @@ import pytest
 from module.test_session import A_GOAL, HANDLES_WALK, HELLO, WALK, hear, said, welcome
 
 from tca_module import Command, Inform, PointMonitor, Query
+from tca_module.session import given_up
 from tca_module.session.epoch_numbers import EpochNumber, with_epoch
 from tca_module.session.lasting_attachments import LastingAttachment, LastingAttachments
 from tca_module.session.redeclaration import AGAIN, PATIENCE
@@ -246,7 +247,7 @@ def declared() -> Session:
 
 
 def test_a_task_is_killed_by_its_request(declared: Session) -> None:
-    declared.given_up.abandon(declared.request(A_REST))
+    given_up.abandon(declared, declared.request(A_REST))
     assert said(declared) == [Send(2, "rest"), callback(3, 2)]
     hear(declared, Accepted(2, 17), Accepted(3, 17))
     hear(declared, Unknown(), Welcome(1, 1, "user", "one"))
@@ -257,7 +258,7 @@ def test_after_a_break_that_is_repeated_and_the_task_is_not(declared: Session) -
     """Else the task would begin only to learn whether it had."""
     rest = declared.request(A_REST)
     hear(declared, Unknown())
-    declared.given_up.abandon(rest)
+    given_up.abandon(declared, rest)
     hear(declared, Welcome(1, 1, "user", "one"))
     assert said(declared)[1:] == [callback(3, 2)]
     hear(declared, Unknown(), Welcome(1, 1, "user", "one"))
@@ -265,16 +266,16 @@ def test_after_a_break_that_is_repeated_and_the_task_is_not(declared: Session) -
 
 
 def test_a_central_that_was_restarted_has_nothing_to_call_back(declared: Session) -> None:
-    declared.given_up.abandon(declared.request(A_REST))
+    given_up.abandon(declared, declared.request(A_REST))
     hear(declared, Unknown(), Welcome(1, 1, "user", "two"))
     assert said(declared) == [Register(0, [REST.format, SAY.format, LOOK.format], [])]
 
 
 def test_monitors_are_called_back_and_what_is_no_task_is_not(declared: Session) -> None:
-    declared.given_up.abandon(declared.request(Send(0, "look")))
+    given_up.abandon(declared, declared.request(Send(0, "look")))
     assert said(declared) == [Send(2, "look"), callback(3, 2)]
     for header in (Send(0, "say", if_handled=True), Send(0, "rest", when_killed=True), Register(0, [])):
-        declared.given_up.abandon(declared.request(header))
+        given_up.abandon(declared, declared.request(header))
     assert not [header for header in said(declared) if isinstance(header, Kill)]
-    declared.given_up.abandon(declared.request(A_REST, wants_answer=True))
+    given_up.abandon(declared, declared.request(A_REST, wants_answer=True))
     assert isinstance(said(declared)[-1], GiveUp)

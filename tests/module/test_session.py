@@ -5,6 +5,7 @@ import pytest
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, RequestReceived, Transmit
+from tca_module.session import given_up
 from tca_module.session.request import Request
 from tca_module.session.session import CONFIRM_EVERY, HELLO_NUMBER, QUIET, Session
 from tca_wire.packets import headers
@@ -161,11 +162,11 @@ def test_a_refusal_ends_its_request_and_others_are_complaints(session: Session) 
 
 def test_an_answer_that_nobody_waits_for_is_ignored(session: Session) -> None:
     (stance,) = asked(session, A_QUERY)
-    session.given_up.abandon(stance)
+    given_up.abandon(session, stance)
     assert said(session) == [GiveUp(2, 3)]
     hear(session, Answer(2), Accepted(9), Answer(77))
     assert not stance.is_over
-    session.given_up.abandon(stance)
+    given_up.abandon(session, stance)
     assert said(session) == []
 
 
@@ -410,7 +411,7 @@ def test_a_lock_that_central_does_not_remember_is_asked_for_anew(session: Sessio
 
 def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(session: Session) -> None:
     release = session.request(Release(0, granted(session).header.number))
-    session.given_up.abandon(release)
+    given_up.abandon(session, release)
     said(session)
     hear(session, Unknown(), welcome())
     assert said(session) == [release.header]
@@ -421,15 +422,15 @@ def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(se
 @pytest.mark.parametrize("asked_for", [Lock(0, "legs"), A_QUERY, A_WAIT, Observe(0), WaitUntilHandled(0, ["walk"])])
 def test_a_give_up_is_repeated_until_central_answers(session: Session, asked_for: ToCentral) -> None:
     (early,) = asked(session, asked_for)
-    session.given_up.abandon(early)  # and what says so is lost with the connection
+    given_up.abandon(session, early)  # and what says so is lost with the connection
     hear(session, Unknown())
-    session.given_up.abandon(session.request(asked_for, wants_answer=True))  # has never left
+    given_up.abandon(session, session.request(asked_for, wants_answer=True))  # has never left
     hear(session, welcome())
     assert said(session) == [GiveUp(2, 3)]
     hear(session, Answer(3))
     (late,) = asked(session, asked_for)
     session.break_off()
-    session.given_up.abandon(late)
+    given_up.abandon(session, late)
     for _ in range(2):
         hear(session, welcome())
         assert said(session) == [GiveUp(5, 6)]
@@ -446,9 +447,9 @@ def test_what_was_observed_before_a_break_is_surely_given_up(session: Session) -
 
 def test_a_give_up_is_repeated_where_its_answer_is_given_up(session: Session) -> None:
     (lock,) = asked(session, Lock(0, "legs"))
-    why = session.given_up.ask_why(lock)
+    why = given_up.ask_why(session, lock)
     assert why is not None
-    session.given_up.abandon(why)
+    given_up.abandon(session, why)
     hear(session, Unknown(), welcome())
     assert said(session) == [GiveUp(2, 3)]
 

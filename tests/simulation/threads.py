@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from simulation.clockwork import Clockwork, shown
 from simulation.network import Network
 
+from tca_module.session import given_up
 from tca_module.session.lasting_attachments import LastingAttachments
 from tca_module.session.open_deliveries import KILLED, OpenDelivery, working_on
 from tca_module.session.request import Request
@@ -270,7 +271,7 @@ class Thread:
 
     def _give_up(self, work: Work, why: str) -> None:
         if work.request is not None:
-            self.session.given_up.abandon(work.request)
+            given_up.abandon(self.session, work.request)
         self._go_on(work, Woken(why))
 
     def _go_on(self, work: Work, error: Exception | None = None) -> None:

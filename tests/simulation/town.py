@@ -93,7 +93,7 @@ class Hands:
         parent = self.delivery.task if self.delivery is not None else TaskId(0)
         header = headers.Send(0, message, parent, self.origin, options.pop("flags", Flags.NONE), constraints, **options)
         if session.is_welcome and self.dice.random() < 0.7:
-            request = session.send_task(header, encode(token), message)
+            request = session.send(header, encode(token), message)
         else:
             request = session.request(header, encode(token))
         sent = SentTask(token, request, SentId(cast("Any", self.thread), request))

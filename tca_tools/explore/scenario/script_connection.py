@@ -13,7 +13,7 @@ from typing import Any, NoReturn, cast
 
 from tca_module.checks import check_message
 from tca_module.errors import FormatRefused, Refused, Stopped, TaskKilled
-from tca_module.link.connection import ACKNOWLEDGED_WITHIN
+from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.sending.replies import QUERY_TIMEOUT
 from tca_module.session.epoch_numbers import numbers_in
 from tca_module.session.open_deliveries import OpenDelivery
@@ -346,6 +346,8 @@ class ScriptConnection:
             else:
                 request.answers.append((got.answer, got.body))
         return True
+
+    answered = Connection.answered
 
     def _be_woken(self, got: steps.Got, what: str, request: ScriptRequest | None = None) -> NoReturn:
         self._is_told = True
