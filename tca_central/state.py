@@ -128,7 +128,7 @@ def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
     given_as, name = delivery.given_as, delivery.message.name
     context = delivery.context.header if delivery.context is not None else None
     if isinstance(delivery, Task):
-        return headers.Deliver(given_as, name, TaskId(delivery.id), context, delivery.suspended)
+        return headers.Deliver(given_as, name, delivery.id, context, delivery.suspended)
     return headers.Deliver(given_as, name, ROOT, context, own=is_own(delivery), ahead=ahead)
 
 
@@ -217,7 +217,7 @@ class State(Waits):
         if not (observers or (outcome is not None and self.observers.others)):
             return
         change = StateChange(
-            TaskId(int(task.id)), task.message.name, task.serial, task.state, transition, by, module, text, task.body,
+            task.id, task.message.name, task.serial, task.state, transition, by, module, text, task.body,
             data, is_over=outcome is not None, outcome=outcome,
         )  # fmt: skip
         encoded = msgspec.msgpack.encode(change)

@@ -27,7 +27,6 @@ from tca_wire.points import (
     START_HANDLING,
     START_PLANNING,
     STARTS,
-    TaskId,
 )
 from tca_wire.rules import KILLED
 from tca_wire.text.facts_in_words import kill_reason
@@ -201,7 +200,7 @@ class Agenda(Stored):
             doomed.killed = reason
             if unbegun := STARTS & ~doomed.reached:
                 self.tree.never_began[doomed.id] = unbegun
-            self._facts.append(Killed(TaskId(doomed.id), *verdict))
+            self._facts.append(Killed(doomed.id, *verdict))
         self.holds.bequeath(killed)
         for doomed in killed:
             if not doomed.is_running:

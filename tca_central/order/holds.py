@@ -176,7 +176,7 @@ class Holds(Stored):
         """Refuse a constraint from *goal* to *start* if *start* must already come before *goal*."""
         if (path := find_path(self.tree, start, goal)) is not None:
             points = [place for place in (*path, path[0]) if place.moment != ALL_ELSE]
-            circle = [str(Point(TaskId(place.task.id), Moment(place.moment))) for place in points]
+            circle = [str(Point(place.task.id, Moment(place.moment))) for place in points]
             if (more := len(circle) - 9) > 0:
                 circle[4:-5] = [f"... {more} more ..."]
             text = f"constraint {constraint} can never be met: {' <= '.join(circle)} would be a circle"

@@ -22,7 +22,6 @@ DRAFT_SUFFIX = ".draft"
 INPUT_VERSION = 2
 
 _encode = msgspec.msgpack.Encoder().encode
-_decode = msgspec.msgpack.Decoder(Input).decode
 
 BOOT = Path("/proc/sys/kernel/random/boot_id")
 
