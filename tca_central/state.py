@@ -217,7 +217,7 @@ class State(Waits):
         if not (observers or (outcome is not None and self.observers.others)):
             return
         change = StateChange(
-            task.id, task.message.name, task.serial, task.state, transition, by, module, text, task.body,
+            TaskId(int(task.id)), task.message.name, task.serial, task.state, transition, by, module, text, task.body,
             data, is_over=outcome is not None, outcome=outcome,
         )  # fmt: skip
         encoded = msgspec.msgpack.encode(change)

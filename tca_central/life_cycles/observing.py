@@ -15,6 +15,7 @@ from tca_wire.life_cycles import GENERAL
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import Answer
 from tca_wire.packets.parts import StateChange
+from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome, Party, Refusal
 
 MOST_LATE = 10_000
@@ -90,7 +91,7 @@ def _why(failure: str, text: str) -> str:
 def _as_it_stands(task: Task) -> StateChange:
     progress = task.clients.progress if task.clients is not None else b""
     return StateChange(
-        task.id, task.message.name, task.serial, task.state, "", Party.CENTRAL, goal=task.body,
+        TaskId(int(task.id)), task.message.name, task.serial, task.state, "", Party.CENTRAL, goal=task.body,
         data=progress, is_late=True,
     )  # fmt: skip
 
