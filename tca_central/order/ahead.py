@@ -20,8 +20,11 @@ QUICK_RUNS = 8
 """So many messages must have been handled quickly, one after the other, before one is sent ahead."""
 
 
-class WaysAhead(Protocol):
-    """The ways in which what is decided here leaves central."""
+class Out(Protocol):
+    """The ways in which what is decided here, and by the dispatcher, leaves central."""
+
+    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
+        """A slot handles a delivery; whether it *is there* already."""
 
     def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
         """A slot gets a delivery before it is free."""
@@ -35,7 +38,7 @@ class MessagesAhead(Stored):
 
     __slots__ = ("_clock", "_out", "trusts_all")
 
-    def __init__(self, out: WaysAhead, clock: Clock) -> None:
+    def __init__(self, out: Out, clock: Clock) -> None:
         self._out, self._clock = out, clock
         self.trusts_all = False  #: every handler counts as a quick one: for explorations
 

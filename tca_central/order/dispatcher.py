@@ -6,14 +6,13 @@ through the functions it is given.
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from typing import Protocol
 
 from tca_central.model.budget import DELIVERY_BYTES
 from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, Module, ModuleClaim, ModuleResource
 from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_central.model.stored import Stored
-from tca_central.order.ahead import MessagesAhead, WaysAhead, first_ahead, note_run, take_back
+from tca_central.order.ahead import MessagesAhead, Out, first_ahead, note_run, take_back
 from tca_wire.journal.facts import Fact, HandlerRemoved, Queued, Recalling, Unqueued
 
 QUEUE_LIMIT = 10_000
@@ -23,13 +22,6 @@ refused. Tasks count, but are never refused: they are in the tree anyway."""
 
 Suspect = Delivery | ModuleClaim | tuple[Connection, int]
 """A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for a request."""
-
-
-class Out(WaysAhead, Protocol):
-    """The ways in which the dispatcher's decisions leave central."""
-
-    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
-        """A slot handles a delivery; whether it *is there* already."""
 
 
 class Dispatcher(Stored):
