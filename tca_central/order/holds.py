@@ -81,7 +81,7 @@ class Holds(Stored):
         self.edges = 0  #: number of entries in all lists of followers
         self.ended_followers: dict[Task, int] = {}
         """By task: number of its followers that were killed while they waited, and have ended."""
-        self.ending: set[Task] = set()  #: killed tasks that end as soon as they are looked at
+        self.ending: dict[Task, None] = {}  #: killed tasks that end as soon as they are looked at
 
     # --- putting in force ------------------------------------------------------------------------------------------
 
@@ -355,7 +355,7 @@ class _KilledTogether(NamedTuple):
     known: dict[tuple[int, int], dict[tuple[int, int], Task]]
 
 
-def _ending(killed: list[Task]) -> set[Task]:
+def _ending(killed: list[Task]) -> dict[Task, None]:
     """The tasks among those just killed that end at once: nothing of them, or under them, still runs or watches."""
     staying: set[Task] = set()
     doomed = set(killed)
@@ -364,7 +364,7 @@ def _ending(killed: list[Task]) -> set[Task]:
         others = any(child not in doomed or child in staying for child in (task.children or {}).values())
         if task.is_running or is_left or others:
             staying.add(task)
-    return doomed - staying
+    return {task: None for task in killed if task not in staying}
 
 
 def _of_monitor(path: list[Place]) -> str:
