@@ -4,9 +4,11 @@ An image of the state, NNNNNNNN.tcas, is the state at the beginning of the segme
 inputs since give the state anew (recovery.py).
 """
 
+import contextlib
 import math
 import time
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import msgspec
@@ -115,11 +117,9 @@ class InputSegment:
         self.size = path.stat().st_size
         self.end = 0
         self.head: Head | None = None
-        with path.open("rb") as stream:
-            for place, payload in payloads(stream):
-                if (head := _head_of(payload)) is not None:
-                    self.head, self.end = head, place
-                break
+        with path.open("rb") as stream, contextlib.suppress(msgspec.MsgspecError):
+            for place, payload in islice(payloads(stream), 1):
+                self.head, self.end = _decode_head(payload), place
         self._begin = self.end
 
     @property
@@ -153,10 +153,3 @@ class InputSegment:
                     return
                 self.end = place
                 yield found
-
-
-def _head_of(payload: bytes) -> Head | None:
-    try:
-        return _decode_head(payload)
-    except msgspec.MsgspecError:
-        return None
