@@ -85,10 +85,10 @@ class Holds(Stored):
 
     # --- putting in force ------------------------------------------------------------------------------------------
 
-    def add(self, constraint: Constraint, *, check: bool) -> list[Constraint]:
+    def add(self, constraint: Constraint) -> list[Constraint]:
         """Put one constraint in force; all that hold anything by it, [] if it is met already or void.
 
-        Raises RequestError if it can never be met (looked for where *check*), or comes too late.
+        Raises RequestError if it can never be met, or comes too late.
         """
         if constraint.delay:
             constraint = self._without_void_delay(constraint)
@@ -104,8 +104,7 @@ class Holds(Stored):
             raise RequestError(Refusal.OVERLOAD, f"{_COUNTER} constraints hold {constraint.after} already")
         if before is None or before.task.reached & before.moment:
             return [self._delay(constraint, task, moment)]
-        if check:
-            self._refuse_cycles(constraint, after, before)
+        self._refuse_cycles(constraint, after, before)
         if constraint.delay:  # as it is told of when the delay is over
             constraint = _constraint(before.task, before.moment, task, moment, constraint.delay)
         self.hold(before.task, before.moment, task, moment, constraint.delay)
