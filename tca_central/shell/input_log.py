@@ -17,6 +17,7 @@ from tca_central.events import Input
 from tca_central.shell.log_writer import LogWriter, Sync, append, cut, files_of
 from tca_wire.journal.frames import framed, has_record, payloads
 from tca_wire.packets.headers import PROTOCOL_VERSION
+from tca_wire.release import release
 
 INPUT_SUFFIX = ".tcai"
 IMAGE_SUFFIX = ".tcas"
@@ -70,12 +71,10 @@ class InputLog(LogWriter):
 
     longest = float("inf")
 
-    def __init__(
-        self, folder: Path, *, epoch: str, version: str, sync: Sync = Sync.BATCH, clock: float | None = None
-    ) -> None:
+    def __init__(self, folder: Path, *, epoch: str, sync: Sync, clock: float | None = None) -> None:
         """*clock*: central's, in a run that goes on; None: it begins."""
         self._head = Head(
-            INPUT_VERSION, epoch, version, clock is None, sync, this_boot(), clock or 0.0, 0.0, PROTOCOL_VERSION
+            INPUT_VERSION, epoch, release(), clock is None, sync, this_boot(), clock or 0.0, 0.0, PROTOCOL_VERSION
         )
         super().__init__(folder, INPUT_SUFFIX, sync)
 
