@@ -12,7 +12,7 @@ from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, Module, ModuleClaim, ModuleResource
 from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_central.model.stored import Stored
-from tca_central.order.ahead import MessagesAhead, Out, first_ahead, note_run, take_back
+from tca_central.order.ahead import MessagesAhead, Out, first_ahead, is_handled_in, note_run
 from tca_wire.journal.facts import Fact, HandlerRemoved, Queued, Recalling, Unqueued
 
 QUEUE_LIMIT = 10_000
@@ -242,9 +242,13 @@ class Dispatcher(Stored):
         resource = slot.resource
         if resource is None or resource.ahead_at is not slot:
             return []
-        revoked, moved = take_back(resource, slot.module, set(unbegun))
-        for delivery, dropped in revoked:
-            self.withdraw(delivery, dropped=dropped)
+        numbers = set(unbegun)
+        given_back = [(one, resource.take_back(one)) for one in list(resource.ahead) if one.given_as in numbers]
+        for delivery, dropped in given_back:
+            if dropped is not None:  # nobody wants it any more
+                self.withdraw(delivery, dropped=dropped)
+        left = [one for one, dropped in given_back if dropped is None]
+        moved = [one for one in left if not is_handled_in(resource, one, slot.module)]
         for delivery in moved:
             self.withdraw(delivery, keep_place=True)
         if not is_answer:
