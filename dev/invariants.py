@@ -86,12 +86,11 @@ def _check_state(task: Task) -> None:
 def _check_observers(central: State) -> None:
     """Observers are those who wait for answers, and those of one task are of a living one."""
     observers, connections = central.observers, central.registry.connections.values()
-    found = list(observers.others)
-    found += [one for group in (*observers.of_task.values(), *observers.of_message.values()) for one in group]
+    found = [one for group in observers.groups.values() for one in group]
     due = [one for connection in connections for one in connection.outstanding.values()]
     assert {one for one in due if isinstance(one, Observation)} == set(found), "who observes is not who waits"
     assert observers.count == len(found), "the number of observers"
-    named = [*observers.of_task, *(one.below for one in observers.others if one.below)]
+    named = [number for one in found if (number := one.task_id or one.below)]
     assert all(number in central.tree.tasks for number in named), "somebody observes a task that has ended"
 
 

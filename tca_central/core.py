@@ -20,7 +20,7 @@ from typing import Any
 import msgspec
 
 from tca_central.access import requests as access
-from tca_central.control import holding, keeping, monitors, revoking, steering
+from tca_central.control import keeping, monitors, revoking, steering
 from tca_central.deadlock import deadlocks
 from tca_central.errors import RequestError
 from tca_central.events import (
@@ -47,7 +47,6 @@ from tca_central.model.deliveries import Connection, Module, Wiretap
 from tca_central.model.tasks import Recovery, Task, TaskOutcome, Watch
 from tca_central.outgoing import availability, direct_routes
 from tca_central.requests import (
-    hanging,
     joining,
     naming,
     permissions,
@@ -403,7 +402,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Lock: claims.on_lock,
     headers.AwaitAny: waiting.on_await_any,
     headers.Unlock: revoking.on_unlock,
-    headers.GoOn: holding.on_go_on,
+    headers.GoOn: restarting.on_go_on,
     Noted: direct_routes.on_noted,
     WatchEntrance: direct_routes.on_watch_entrance,
 }
@@ -447,9 +446,9 @@ TIMERS: dict[Due, Callable[[Central, Any], None]] = {
     Due.KILL: lambda central, ending: ending.carry_out(central),
     Due.TEST: monitors.on_test,
     Due.WATCHED: monitors.on_watched,
-    Due.HUNG: hanging.on_hung,
+    Due.HUNG: joining.on_hung,
     Due.CLAIM: claims.on_time_out,
     Due.LOOK: deadlocks.on_look,
-    Due.GRACE: restarting.on_grace_over,
+    Due.GRACE: joining.on_grace_over,
 }
 """One row per kind of timer: what happens when it is due."""

@@ -128,7 +128,7 @@ def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
     given_as, name = delivery.given_as, delivery.message.name
     context = delivery.context.header if delivery.context is not None else None
     if isinstance(delivery, Task):
-        return headers.Deliver(given_as, name, TaskId(delivery.id), context, delivery.suspended)
+        return headers.Deliver(given_as, name, delivery.id, context, delivery.suspended)
     return headers.Deliver(given_as, name, ROOT, context, own=is_own(delivery), ahead=ahead)
 
 

@@ -122,7 +122,7 @@ def _kill(central: State, connection: Connection, header: headers.Kill) -> None:
     _control(central, connection, number, "kill")
     task = central.tree.tasks.get(number)
     if header.scope is Scope.SIBLINGS and task is not None and task.parent is not None:
-        _control(central, connection, TaskId(task.parent.id), "kill what is under")
+        _control(central, connection, task.parent.id, "kill what is under")
 
 
 def _register(_: State, connection: Connection, header: headers.Register) -> None:

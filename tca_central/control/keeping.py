@@ -48,7 +48,7 @@ def keep(central: State, task: Task | KeptTask | None, module: Module) -> None:
     Keeping.of(task).by[module] = None
     module.keeps[task.id] = None
     central.memory.promises += 1
-    central.facts.append(facts.Kept(TaskId(task.id), module.name))
+    central.facts.append(facts.Kept(task.id, module.name))
 
 
 def release(central: State, task_id: int, module: Module) -> None:
@@ -97,4 +97,4 @@ def _drop(central: State, record: KeptTask) -> None:
         for module in one.keeping.by:
             del module.keeps[one.id]
             central.memory.promises -= 1
-        central.facts.append(facts.Released(TaskId(one.id), ""))
+        central.facts.append(facts.Released(one.id, ""))

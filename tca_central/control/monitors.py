@@ -173,7 +173,7 @@ def on_condition_answered(central: State, watch: Watch, answer: Answer, body: by
             raise_failure(central, task, failure)
     else:
         watch.holds = holds = body not in (NIL, FALSE)
-        central.facts.append(facts.MonitorTested(TaskId(task.id), holds))
+        central.facts.append(facts.MonitorTested(task.id, holds))
         if holds:
             _fire(central, watch, task.body if body == TRUE else body)
     if watch.is_on and not _test_as_fired(central, watch) and is_point:

@@ -18,7 +18,7 @@ from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.packets import headers
-from tca_wire.points import ROOT, THIS, Point, TaskId, describe_moments
+from tca_wire.points import ROOT, THIS, Point, describe_moments
 from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import Due, Refusal, Role, Scope
 
@@ -123,7 +123,7 @@ def _why(header: headers.Kill) -> str:
 
 def _plan(central: State, kill: PendingKill, after: Point | None) -> None:
     _check_pending(central, kill.task)
-    task, (why, by, *_) = TaskId(kill.task.id), kill.verdict
+    task, (why, by, *_) = kill.task.id, kill.verdict
     central.facts.append(facts.KillPlanned(task, kill.scope, after, kill.delay, why, by))
 
 
@@ -143,7 +143,7 @@ def set_deadline(central: State, task: Task, moment: int, seconds: float) -> Non
     """Let the failure "timeout" be raised on *task* if *moment* is not reached within *seconds* from now."""
     deadline = PendingDeadline(task, moment, seconds)
     Plans.of(task).pending[deadline] = central.clock.after(seconds, Due.DEADLINE, deadline)
-    central.facts.append(facts.DeadlineSet(TaskId(task.id), moment, seconds))
+    central.facts.append(facts.DeadlineSet(task.id, moment, seconds))
 
 
 def on_time_out(central: State, deadline: PendingDeadline) -> None:
@@ -207,4 +207,4 @@ def keep_for_termination(central: State, task: Task, message: MessageType, body:
         raise RequestError(Refusal.OVERLOAD, f"{MOST_FAREWELLS} messages wait for the termination of {task} already")
     farewells.append((message, body))
     central.tree.grow(task, DELIVERY_BYTES + len(body))
-    central.facts.append(facts.SendPlanned(TaskId(task.id), message.name, body))
+    central.facts.append(facts.SendPlanned(task.id, message.name, body))

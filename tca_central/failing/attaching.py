@@ -10,7 +10,7 @@ from tca_central.watching.watches import end_monitor
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
-from tca_wire.points import ROOT, TaskId
+from tca_wire.points import ROOT
 from tca_wire.vocabulary import Refusal
 
 MOST_ATTACHED = 1000
@@ -67,7 +67,7 @@ def attach(central: State, wanted: Attachment, place: Task | MessageType, by: Mo
     attached.holders = {one.name: one for one in (*copies, by.holder) if one.run in central.registry.modules}
     others.append(attached)
     central.attached[attached.id] = attached
-    task, message = (TaskId(place.id), "") if isinstance(place, Task) else (ROOT, place.name)
+    task, message = (place.id, "") if isinstance(place, Task) else (ROOT, place.name)
     central.facts.append(facts.Attached(attached.id, attached.failure, handler.name, task, message, attached.maximum))
     return attached
 

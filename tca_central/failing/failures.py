@@ -26,7 +26,7 @@ from tca_wire.journal import facts
 from tca_wire.messages.failures import NOT_BY_CHOICE
 from tca_wire.messages.formats import NIL
 from tca_wire.packets import headers
-from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, ROOT, START_HANDLING, TaskId
+from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, ROOT, START_HANDLING
 from tca_wire.rules import KILLED
 from tca_wire.text.printable import printable, shortened
 from tca_wire.vocabulary import CENTRAL, Limit, Refusal, Role
@@ -121,8 +121,7 @@ def _call_handler(
     at, attached = trouble.at, trouble.attached
     _count_call(central, at, attached)
     handler = make_task(central, attached.handler, failure.body, task, Role.EXCEPTION, context=trouble)
-    task_id, handler_id, at_id = TaskId(task.id), TaskId(handler.id), TaskId(at.id)
-    central.facts.append(facts.Caught(task_id, handler_id, at_id, attached.id, is_beside))
+    central.facts.append(facts.Caught(task.id, handler.id, at.id, attached.id, is_beside))
     return handler
 
 
@@ -188,8 +187,8 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
     if undecided is not None and NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)):
         above = trouble_of(undecided).failing.lineage()
         undecided = undecided if any(_leaves_behind(one, exceptions) for one in above) else None
-    central.facts.append(facts.Unhandled(TaskId(task.id), TaskId(undecided.id) if undecided else ROOT))
-    verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=TaskId(task.id))
+    central.facts.append(facts.Unhandled(task.id, undecided.id if undecided else ROOT))
+    verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=task.id)
     if undecided is None:
         _end_top_level(central, task, failure, verdict)
         return None
@@ -288,7 +287,7 @@ def pass_over(central: State, handler: Delivery) -> None:
 
 def reissue(central: State, handler: Task) -> None:
     """The handler cannot deal with the failure: the search goes on after it."""
-    central.facts.append(facts.Reissued(TaskId(handler.id)))
+    central.facts.append(facts.Reissued(handler.id))
     if _void_decision(handler):
         _continue_search(central, handler)
     central.agenda.mark_returned(handler)
@@ -310,8 +309,8 @@ def on_resolve(central: State, connection: Connection, header: headers.Resolve, 
     counts = not (is_over or handler.retrying or handler.killed)
     if counts and trouble.decision is Decision.NONE:
         trouble.decision = Decision.DEALT_WITH
-        central.facts.append(facts.Resolved(TaskId(handler.id)))
-    central.accept(connection, header.number, TaskId(handler.id) if counts else ROOT)
+        central.facts.append(facts.Resolved(handler.id))
+    central.accept(connection, header.number, handler.id if counts else ROOT)
 
 
 def handler_ended(central: State, handler: Task) -> None:
@@ -331,7 +330,7 @@ def handler_ended(central: State, handler: Task) -> None:
 def _recover(central: State, failing: Task, handler: Task) -> None:
     recovery = Recovery.of(failing)
     recovery.is_dealt_with = True
-    central.facts.append(facts.Recovered(TaskId(failing.id), TaskId(handler.id)))
+    central.facts.append(facts.Recovered(failing.id, handler.id))
     if recovery.handler is handler:
         recovery.handler = None
         central.agenda.mark_returned(failing)
@@ -339,7 +338,7 @@ def _recover(central: State, failing: Task, handler: Task) -> None:
 
 def _leave_open(central: State, failing: Task, handler: Task) -> None:
     """Whoever is told of the failure in the end learns here why the task was not just let go on."""
-    central.facts.append(facts.NotResolved(TaskId(handler.id), TaskId(failing.id)))
+    central.facts.append(facts.NotResolved(handler.id, failing.id))
     trouble = trouble_of(handler)
     trouble.failure = _with_undecided(trouble.failure, handler, "returned without dealing with it")
     _continue_search(central, handler)
@@ -430,7 +429,7 @@ def retry_task(central: State, task: Task, data: bytes | None, by: str, asking: 
         central.tree.grow(task, len(data) - len(task.body))
         task.body = data
     central.tree.set_failure(task, None)
-    central.facts.append(facts.Retried(TaskId(task.id), data or b"", by))
+    central.facts.append(facts.Retried(task.id, data or b"", by))
     if task.role is Role.EXCEPTION:
         _unless_void(trouble_of(task), Decision.NONE)
     if asking is not None:

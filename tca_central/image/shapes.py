@@ -150,13 +150,6 @@ def _listed(kind: type, extend: Callable[[Any, list[Any]], None]) -> ObjectShape
     return ObjectShape(kind.__name__, _ITEMS, _items, kind, fill)
 
 
-def _names(things: list[Any]) -> Columns:
-    """The columns of sets of strings. A set of anything else has no order that could be had again."""
-    if any(type(item) is not str for item in chain.from_iterable(things)):
-        raise ImageError("a set in the state may hold strings only: use dict.fromkeys(), which has an order")
-    return _items(list(map(sorted, things)))
-
-
 def _mapping(kind: type[dict[Any, Any]]) -> ObjectShape:
     """The shape of a class of dicts."""
 
@@ -232,7 +225,6 @@ def _pieces(things: list[Any], lengths: list[int], items: list[Any]) -> Iterator
 _CONTAINERS: dict[str, Shape] = {
     "list": _listed(list, list.extend),
     "deque": _listed(deque, deque.extend),
-    "set": _listed(set, set.update)._replace(read=_names),
     "dict": _mapping(dict),
     "OrderedDict": _mapping(OrderedDict),
     "tuple": ValueShape("tuple", _ITEMS, _items, _long_tuples),

@@ -10,6 +10,8 @@ What a client asks for is decided by the handler that takes such transitions, an
 kills what is under the task and lets it be handled again with the new goal; a cancel kills the task.
 """
 
+from msgspec.structs import replace
+
 from tca_central.errors import RequestError
 from tca_central.failing.failures import check_order, kill, retry_task
 from tca_central.model.deliveries import Connection
@@ -19,7 +21,6 @@ from tca_wire.journal import facts
 from tca_wire.life_cycles import Effect, Transition, read_life_cycle
 from tca_wire.packets.changes import ChangeState, Requested
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
-from tca_wire.points import TaskId
 from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import CENTRAL, Busy, Party, Refusal
 
@@ -64,21 +65,12 @@ def on_change_state(central: State, connection: Connection, header: ChangeState,
         text = f"{task} has changed {task.serial} times, and the request names change {header.serial}: begin anew"
         raise RequestError(Refusal.PROTOCOL, text)
     central.check_room(len(body))
-    header = _shortened(header)
+    header = replace(header, text=shortened(header.text))
     asking = central.dispatcher.running.get(central.origin)
     if asking is task:
         _change_by_server(central, connection, header, body, task)
     else:
         _change_by_client(central, connection, header, body, task)
-
-
-def _shortened(header: ChangeState) -> ChangeState:
-    text = shortened(header.text)
-    return (
-        header
-        if text is header.text
-        else ChangeState(header.number, header.task, header.transition, header.serial, text, header.origin)
-    )
 
 
 # --- the client's ----------------------------------------------------------------------------------------------------
@@ -122,7 +114,7 @@ def asked_for(central: State, task: Task, step: Transition, module: str, text: s
 def decide_instead(central: State, task: Task) -> None:
     """The handler of a task has returned without a word to what clients want: the defaults decide."""
     asked = [one for one in central.tree.forget_asked(task) if _is_awaited(task, one.source, one.name)]
-    if asked and not task.killed and central.tree.task(TaskId(task.id)) is task:
+    if asked and not task.killed and central.tree.task(task.id) is task:
         cycle, newest = task.message.life_cycle, asked[-1]
         step = cycle.steps[newest.source, newest.name]
         if task.state == step.target:
@@ -275,9 +267,7 @@ def _take(
 ) -> None:  # fmt: skip
     task.state = step.target
     task.serial += 1
-    central.facts.append(
-        facts.StateChanged(TaskId(task.id), step.name, task.state, task.serial, by, module, text, body)
-    )
+    central.facts.append(facts.StateChanged(task.id, step.name, task.state, task.serial, by, module, text, body))
     central.tell_observers(task, step.name, by, module, text, body)
 
 

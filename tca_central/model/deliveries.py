@@ -418,16 +418,14 @@ class Delivery(Queued):
     __slots__ = ("body", "context", "given_as", "id", "message", "message_id", "number", "origin", "refused",
                  "role", "sender", "sent_by", "tap_depth")  # fmt: skip
 
-    def __init__(
-        self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None, role: Role = Role.NONE
-    ) -> None:
+    def __init__(self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None) -> None:
         Queued.__init__(self)
         self.id = delivery_id
         self.given_as = delivery_id  #: the number under which a handler has it; another one each time
         self.message_id = delivery_id
         self.message = message
         self.body = body
-        self.role = role  #: why central made it
+        self.role = Role.NONE  #: why central made it
         self.context: Context | None = None  #: the reason for it, if central made it
         self.sender = sender  #: the receiver of the answer; None when it is gone
         self.sent_by: object = sender.module if sender is not None else None

@@ -39,7 +39,7 @@ class Registry(Stored):
         self.bytes = 0  #: that declared messages and resources hold
         self.dropped = 0  #: number of messages dropped of those that are forgotten
         self.look_after = 0  #: the event from which on messages are looked for that can be forgotten
-        self._names: set[str] = set()
+        self._names: dict[str, None] = {}  #: of modules
 
     def module(self, name: str, incarnation: str, process: str, principal: str) -> tuple[Module, bool]:
         """The module of that incarnation, and whether it is new. A name in use gets a number: "legs#2"."""
@@ -48,7 +48,7 @@ class Registry(Stored):
         unique, number = name, 2
         while unique in self._names:
             unique, number = f"{name}#{number}", number + 1
-        self._names.add(unique)
+        self._names[unique] = None
         self.modules[incarnation] = Module(unique, name, incarnation, process, principal)
         return self.modules[incarnation], True
 
@@ -85,7 +85,7 @@ class Registry(Stored):
         """Forget a module. The messages that it declared stay, for tasks may still wait for them."""
         del self.modules[module.incarnation]
         self.bytes -= RESOURCE_BYTES * len(module.resources)
-        self._names.discard(module.name)
+        self._names.pop(module.name, None)
         for message in self.messages.values():
             message.declarers.pop(module.incarnation, None)
         self.look_after = 0  # what it declared may be forgotten, however few events there have been

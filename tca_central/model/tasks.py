@@ -374,7 +374,7 @@ def involved(delivery: Delivery) -> Involved:
     """A message as others are told of it; task 0 if it is none, or the root."""
     if not isinstance(delivery, Task):
         return Involved(ROOT, delivery.message.name)
-    return Involved(TaskId(delivery.id), delivery.message.name if delivery.id else "")
+    return Involved(delivery.id, delivery.message.name if delivery.id else "")
 
 
 def place_of(one: AttachedHandler | Wiretap) -> Task | MessageType:

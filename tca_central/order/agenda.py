@@ -27,7 +27,6 @@ from tca_wire.points import (
     START_HANDLING,
     START_PLANNING,
     STARTS,
-    TaskId,
 )
 from tca_wire.rules import KILLED
 from tca_wire.text.facts_in_words import kill_reason
@@ -85,36 +84,33 @@ class Agenda(Stored):
 
     def _constrain_new(self, task: Task, last: Task | None, flags: Flags, wanted: list[Constraint]) -> list[Constraint]:
         """Add the constraints that a new task was sent with. With RequestError it is taken out of the tree."""
-        added: list[Constraint] = []
+        follows = self.holds.follow(task, last, int(flags)) if last is not None else []
+        own = [*from_flags(int(flags), task), *(resolve(constraint, task.id) for constraint in wanted)]
         try:
-            if last is not None:
-                added += self.holds.follow(task, last, int(flags))
-            for constraint in from_flags(int(flags), task):
-                added += self.holds.add(constraint, check=True)
-            for constraint in wanted:
-                added += self.holds.add(resolve(constraint, task.id), check=True)
+            return self._put_in_force(own, follows, task)
         except RequestError:
-            self.holds.undo(added)
             self.tree.detach(task)
             if task.parent is not None:
                 task.parent.unplanned -= task.is_goal
             raise
-        for constraint in added:
-            if constraint.after.task != task.id:
-                self._hold_again(self.tree.tasks[constraint.after.task])
-        return added
 
     def constrain(self, wanted: list[Constraint]) -> list[Constraint]:
         """Add constraints between existing tasks; those that hold anything. All of them or, with RequestError, none."""
-        added: list[Constraint] = []
+        return self._put_in_force(wanted, [])
+
+    def _put_in_force(
+        self, wanted: list[Constraint], added: list[Constraint], new: Task | None = None
+    ) -> list[Constraint]:
+        """Add constraints beside those that were *added* already, and hold all tasks again but a *new* one."""
         try:
             for constraint in wanted:
-                added += self.holds.add(constraint, check=True)
+                added += self.holds.add(constraint)
         except RequestError:
             self.holds.undo(added)
             raise
         for constraint in added:
-            self._hold_again(self.tree.tasks[constraint.after.task])
+            if new is None or constraint.after.task != new.id:
+                self._hold_again(self.tree.tasks[constraint.after.task])
         return added
 
     def mark_started(self, task: Task) -> None:
@@ -201,7 +197,7 @@ class Agenda(Stored):
             doomed.killed = reason
             if unbegun := STARTS & ~doomed.reached:
                 self.tree.never_began[doomed.id] = unbegun
-            self._facts.append(Killed(TaskId(doomed.id), *verdict))
+            self._facts.append(Killed(doomed.id, *verdict))
         self.holds.bequeath(killed)
         for doomed in killed:
             if not doomed.is_running:

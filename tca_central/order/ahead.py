@@ -20,8 +20,11 @@ QUICK_RUNS = 8
 """So many messages must have been handled quickly, one after the other, before one is sent ahead."""
 
 
-class WaysAhead(Protocol):
-    """The ways in which what is decided here leaves central."""
+class Out(Protocol):
+    """The ways in which what is decided here, and by the dispatcher, leaves central."""
+
+    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
+        """A slot handles a delivery; whether it *is there* already."""
 
     def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
         """A slot gets a delivery before it is free."""
@@ -35,7 +38,7 @@ class MessagesAhead(Stored):
 
     __slots__ = ("_clock", "_out", "trusts_all")
 
-    def __init__(self, out: WaysAhead, clock: Clock) -> None:
+    def __init__(self, out: Out, clock: Clock) -> None:
         self._out, self._clock = out, clock
         self.trusts_all = False  #: every handler counts as a quick one: for explorations
 
@@ -88,21 +91,6 @@ def first_ahead(slot: Connection) -> Delivery | None:
     return next(iter(slot.resource.ahead), None) if slot.resource is not None else None
 
 
-def take_back(
-    resource: ModuleResource, module: Module, unbegun: set[int]
-) -> tuple[list[tuple[Delivery, tuple[Fact, ...]]], list[Delivery]]:
-    """The slot does not have the deliveries of these numbers any more, which wait as before: those among them that
-    nobody wants any more, each with the facts, and those that are to be handled elsewhere.
-    """
-    revoked, moved = [], []
-    for delivery in [one for one in resource.ahead if one.given_as in unbegun]:
-        if (dropped := resource.take_back(delivery)) is not None:
-            revoked.append((delivery, dropped))
-        elif not _is_handled_in(resource, delivery, module):
-            moved.append(delivery)
-    return revoked, moved
-
-
 def _may_go_ahead(delivery: Delivery, resource: ModuleResource) -> bool:
     """Whether nothing but its place in the queue decides when a delivery is handled: it is no task, waits for nothing
     else, and nobody listens when it is delivered.
@@ -113,7 +101,7 @@ def _may_go_ahead(delivery: Delivery, resource: ModuleResource) -> bool:
     return is_plain and delivery.queues == (resource,) and message.name not in resource.limits
 
 
-def _is_handled_in(resource: ModuleResource, delivery: Delivery, module: Module) -> bool:
+def is_handled_in(resource: ModuleResource, delivery: Delivery, module: Module) -> bool:
     """Whether a message, or the copy for a module, waits there, and nowhere else."""
     if delivery.message.name in resource.limits:
         return False

@@ -6,14 +6,13 @@ through the functions it is given.
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from typing import Protocol
 
 from tca_central.model.budget import DELIVERY_BYTES
 from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, Module, ModuleClaim, ModuleResource
 from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_central.model.stored import Stored
-from tca_central.order.ahead import MessagesAhead, WaysAhead, first_ahead, note_run, take_back
+from tca_central.order.ahead import MessagesAhead, Out, first_ahead, is_handled_in, note_run
 from tca_wire.journal.facts import Fact, HandlerRemoved, Queued, Recalling, Unqueued
 
 QUEUE_LIMIT = 10_000
@@ -23,13 +22,6 @@ refused. Tasks count, but are never refused: they are in the tree anyway."""
 
 Suspect = Delivery | ModuleClaim | tuple[Connection, int]
 """A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for a request."""
-
-
-class Out(WaysAhead, Protocol):
-    """The ways in which the dispatcher's decisions leave central."""
-
-    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
-        """A slot handles a delivery; whether it *is there* already."""
 
 
 class Dispatcher(Stored):
@@ -250,9 +242,13 @@ class Dispatcher(Stored):
         resource = slot.resource
         if resource is None or resource.ahead_at is not slot:
             return []
-        revoked, moved = take_back(resource, slot.module, set(unbegun))
-        for delivery, dropped in revoked:
-            self.withdraw(delivery, dropped=dropped)
+        numbers = set(unbegun)
+        given_back = [(one, resource.take_back(one)) for one in list(resource.ahead) if one.given_as in numbers]
+        for delivery, dropped in given_back:
+            if dropped is not None:  # nobody wants it any more
+                self.withdraw(delivery, dropped=dropped)
+        left = [one for one, dropped in given_back if dropped is None]
+        moved = [one for one in left if not is_handled_in(resource, one, slot.module)]
         for delivery in moved:
             self.withdraw(delivery, keep_place=True)
         if not is_answer:

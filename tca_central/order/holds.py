@@ -81,14 +81,14 @@ class Holds(Stored):
         self.edges = 0  #: number of entries in all lists of followers
         self.ended_followers: dict[Task, int] = {}
         """By task: number of its followers that were killed while they waited, and have ended."""
-        self.ending: set[Task] = set()  #: killed tasks that end as soon as they are looked at
+        self.ending: dict[Task, None] = {}  #: killed tasks that end as soon as they are looked at
 
     # --- putting in force ------------------------------------------------------------------------------------------
 
-    def add(self, constraint: Constraint, *, check: bool) -> list[Constraint]:
+    def add(self, constraint: Constraint) -> list[Constraint]:
         """Put one constraint in force; all that hold anything by it, [] if it is met already or void.
 
-        Raises RequestError if it can never be met (looked for where *check*), or comes too late.
+        Raises RequestError if it can never be met, or comes too late.
         """
         if constraint.delay:
             constraint = self._without_void_delay(constraint)
@@ -104,8 +104,7 @@ class Holds(Stored):
             raise RequestError(Refusal.OVERLOAD, f"{_COUNTER} constraints hold {constraint.after} already")
         if before is None or before.task.reached & before.moment:
             return [self._delay(constraint, task, moment)]
-        if check:
-            self._refuse_cycles(constraint, after, before)
+        self._refuse_cycles(constraint, after, before)
         if constraint.delay:  # as it is told of when the delay is over
             constraint = _constraint(before.task, before.moment, task, moment, constraint.delay)
         self.hold(before.task, before.moment, task, moment, constraint.delay)
@@ -176,7 +175,7 @@ class Holds(Stored):
         """Refuse a constraint from *goal* to *start* if *start* must already come before *goal*."""
         if (path := find_path(self.tree, start, goal)) is not None:
             points = [place for place in (*path, path[0]) if place.moment != ALL_ELSE]
-            circle = [str(Point(TaskId(place.task.id), Moment(place.moment))) for place in points]
+            circle = [str(Point(place.task.id, Moment(place.moment))) for place in points]
             if (more := len(circle) - 9) > 0:
                 circle[4:-5] = [f"... {more} more ..."]
             text = f"constraint {constraint} can never be met: {' <= '.join(circle)} would be a circle"
@@ -355,7 +354,7 @@ class _KilledTogether(NamedTuple):
     known: dict[tuple[int, int], dict[tuple[int, int], Task]]
 
 
-def _ending(killed: list[Task]) -> set[Task]:
+def _ending(killed: list[Task]) -> dict[Task, None]:
     """The tasks among those just killed that end at once: nothing of them, or under them, still runs or watches."""
     staying: set[Task] = set()
     doomed = set(killed)
@@ -364,7 +363,7 @@ def _ending(killed: list[Task]) -> set[Task]:
         others = any(child not in doomed or child in staying for child in (task.children or {}).values())
         if task.is_running or is_left or others:
             staying.add(task)
-    return doomed - staying
+    return {task: None for task in killed if task not in staying}
 
 
 def _of_monitor(path: list[Place]) -> str:

@@ -77,13 +77,6 @@ def _held_by(
     return None
 
 
-def _answer_if_over(central: State, wait: PresenceWait) -> None:
-    if not wait.missing:
-        end_presence_wait(central, wait)
-        del wait.connection.outstanding[wait.number]
-        central.send(wait.connection, wait.number, Answer(wait.number))
-
-
 def end_presence_wait(central: State, wait: PresenceWait) -> None:
     """All are handled, or nobody waits for that any more."""
     wait.end()
@@ -106,8 +99,10 @@ def tell_changes(central: State) -> None:
         if not (before and message.serving):
             for wait in message.awaited_by:
                 wait.missing += 1 if before else -1
-    for wait in waits:
-        _answer_if_over(central, wait)
+    for wait in [one for one in waits if not one.missing]:
+        end_presence_wait(central, wait)
+        del wait.connection.outstanding[wait.number]
+        central.send(wait.connection, wait.number, Answer(wait.number))
     for message, _ in changed:
         if not message.is_notice:
             broadcast_notice(central, HANDLERS_CHANGED, HandlerCount(message.name, message.serving))

@@ -82,7 +82,7 @@ def make_task(
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, Flags.NONE, [])
     birth = facts.Received(
-        task.id, message.name, message.message_class, CENTRAL, TaskId(parent.id), 0, False, body, constraints, role,
+        task.id, message.name, message.message_class, CENTRAL, parent.id, 0, False, body, constraints, role,
         about.message_id,
     )  # fmt: skip
     central.facts[mark:mark] = [birth, *at_birth(task)]
@@ -145,10 +145,10 @@ def at_birth(task: Task) -> list[facts.Fact]:
     """The facts of the moments that a new task has reached already, and of a monitor that is waited for, or spared."""
     if task.is_goal:
         return []
-    found: list[facts.Fact] = [facts.OutlivesRetry(TaskId(task.id))] if task.is_guest else []
+    found: list[facts.Fact] = [facts.OutlivesRetry(task.id)] if task.is_guest else []
     if task.message.is_aside and not task.is_watcher:
-        found.append(facts.WaitedFor(TaskId(task.id)))
-    return [*found, facts.Reached(TaskId(task.id), task.message.rules.at_birth)]
+        found.append(facts.WaitedFor(task.id))
+    return [*found, facts.Reached(task.id, task.message.rules.at_birth)]
 
 
 def suspend(
@@ -157,7 +157,7 @@ def suspend(
     """Suspend or resume a task with all under it, as *by* wants; handlers that run are told."""
     changed = central.agenda.suspend(task, resume=resume)
     if changed:
-        central.facts.append(facts.SuspendedOrResumed(TaskId(task.id), not resume, by))
+        central.facts.append(facts.SuspendedOrResumed(task.id, not resume, by))
         if not resume:
             central.tree.suspended.setdefault(task.id, (central.clock.now, by, at_birth))
     for one in changed:

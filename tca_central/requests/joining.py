@@ -1,6 +1,5 @@
 """Modules come, declare messages, offer handlers, and go. One function a message; HANDLERS in core.py says which."""
 
-from tca_central.control.holding import go_on_if_complete
 from tca_central.control.keeping import release_all
 from tca_central.control.monitors import check_parts
 from tca_central.errors import RequestError, check_name
@@ -18,6 +17,7 @@ from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import broadcast_notice
 from tca_central.requests.forgetting import make_room
 from tca_central.requests.replying import fail_delivery
+from tca_central.requests.restarting import go_on_if_complete
 from tca_central.requests.variables import forget_unfit_value, tell_new_watcher
 from tca_central.requests.waiting import give_up
 from tca_central.state import State, cancelled_header, deliver_header, lose
@@ -204,6 +204,31 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
         else:
             _give_to_another(central, delivery)
     go_on_if_complete(central)
+
+
+def on_grace_over(central: State, _: None) -> None:
+    """Those who are not back by now, after a restart of central, are lost."""
+    central.hold.grace = None
+    for connection in list(central.hold.awaited):
+        if connection in central.hold.awaited:
+            disconnect(central, connection, "it did not come back when central did", lost=True)
+
+
+def on_hung(central: State, delivery: Delivery) -> None:
+    """A handler that should have returned has not, and nobody waits for it any more: its slot is given up, and its
+    module is told to put another in its place.
+    """
+    slot = delivery.slot
+    if slot is None or slot.doubts.pop(delivery.given_as, None) is None or slot.resource is None:
+        return
+    what = f"its handler of '{delivery.message.name}' hangs: nobody has waited for it for {slot.hung_after:g} s"
+    slot.was_replaced = True
+    slot.resource.replaced += 1
+    module = slot.module
+    disconnect(central, slot, what, lost=True)
+    for own in module.connections.values():
+        if own.resource is None:
+            central.tell(own, headers.Replace(slot.number, what))
 
 
 def _note_orphan(connection: Connection, delivery: Delivery, why: str) -> None:

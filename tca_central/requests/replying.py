@@ -15,6 +15,7 @@ from tca_central.state import Collector, State, lose
 from tca_central.watching.taps import fire_after
 from tca_wire.journal import facts
 from tca_wire.messages.failures import HANDLER_ERROR, OVERLOAD
+from tca_wire.messages.formats import NIL
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer
 from tca_wire.rules import FAILURE, REPLIED, RETURNED, SUCCESS
@@ -25,8 +26,6 @@ _LONGEST = 200
 
 _SMALL = 1000
 """Bytes that a handler may always return, whatever is full."""
-
-NIL = b"\xc0"  # None as MessagePack
 
 
 def _running_delivery(central: State, connection: Connection, delivery_id: int) -> Delivery | None:

@@ -153,7 +153,7 @@ def _route_task(central: State, connection: Connection, header: Send, message: M
     if header.deadline:
         set_deadline(central, task, END_ACHIEVING, header.deadline)
     if header.number:
-        central.accept_task(connection, header.number, TaskId(task.id), quiet=header.quiet)
+        central.accept_task(connection, header.number, task.id, quiet=header.quiet)
 
 
 def note_refusal(central: State, header: Send, text: str) -> None:

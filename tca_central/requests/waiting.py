@@ -1,6 +1,5 @@
 """Modules wait for a moment of a task or for an answer; and waits that end without one."""
 
-from collections.abc import Callable
 from typing import Any
 
 from tca_central.life_cycles.observing import begin_observers_wait
@@ -109,10 +108,12 @@ def give_up(
     """Forget that an answer is due; a query that no handler has yet is dropped. *where* it was, for the journal."""
     why = _GIVEN_UP[dropping]
     due = connection.outstanding.pop(number, None)
-    if (end := _ENDS.get(type(due))) is not None:
-        end(central, due)
-    central.unblock(connection, number)
-    if isinstance(due, TaskWait):
+    if isinstance(due, PresenceWait):
+        end_presence_wait(central, due)
+    elif isinstance(due, Observation):
+        central.end_observers_wait(due)
+        central.observers.remove(due)
+    elif isinstance(due, TaskWait):
         if (task := central.tree.tasks.get(due.task_id)) is not None:
             central.agenda.stop_waiting(task, due)
         central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
@@ -125,14 +126,7 @@ def give_up(
         central.facts.append(facts.Dropped(due.id, due.message.name, why, where=where, dropping=dropping))
     elif isinstance(due, Delivery):
         _abandon(central, due, (dropped_fact(due, why, where, dropping),))
-
-
-def _stop_observing(central: State, observation: Observation) -> None:
-    central.end_observers_wait(observation)
-    central.observers.remove(observation)
-
-
-_ENDS: dict[type, Callable[[State, Any], None]] = {PresenceWait: end_presence_wait, Observation: _stop_observing}
+    central.unblock(connection, number)
 
 
 def _abandon(central: State, delivery: Delivery, dropped: tuple[facts.Dropped, ...]) -> None:

@@ -79,11 +79,6 @@ class Gate:
         self._told.add(line)
         return True
 
-    @property
-    def is_alive(self) -> bool:
-        """Whether newcomers can get in."""
-        return True
-
     def principal_of(self, frame: zmq.Frame) -> str | None:
         """Who sent a frame: "" for the user who runs central, None for those who have no say."""
         peer = _said_of(frame, "Peer-Address")

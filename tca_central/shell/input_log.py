@@ -4,9 +4,11 @@ An image of the state, NNNNNNNN.tcas, is the state at the beginning of the segme
 inputs since give the state anew (recovery.py).
 """
 
+import contextlib
 import math
 import time
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import msgspec
@@ -15,6 +17,7 @@ from tca_central.events import Input
 from tca_central.shell.log_writer import LogWriter, Sync, append, cut, files_of
 from tca_wire.journal.frames import framed, has_record, payloads
 from tca_wire.packets.headers import PROTOCOL_VERSION
+from tca_wire.release import release
 
 INPUT_SUFFIX = ".tcai"
 IMAGE_SUFFIX = ".tcas"
@@ -22,7 +25,6 @@ DRAFT_SUFFIX = ".draft"
 INPUT_VERSION = 2
 
 _encode = msgspec.msgpack.Encoder().encode
-_decode = msgspec.msgpack.Decoder(Input).decode
 
 BOOT = Path("/proc/sys/kernel/random/boot_id")
 
@@ -69,12 +71,10 @@ class InputLog(LogWriter):
 
     longest = float("inf")
 
-    def __init__(
-        self, folder: Path, *, epoch: str, version: str, sync: Sync = Sync.BATCH, clock: float | None = None
-    ) -> None:
+    def __init__(self, folder: Path, *, epoch: str, sync: Sync, clock: float | None = None) -> None:
         """*clock*: central's, in a run that goes on; None: it begins."""
         self._head = Head(
-            INPUT_VERSION, epoch, version, clock is None, sync, this_boot(), clock or 0.0, 0.0, PROTOCOL_VERSION
+            INPUT_VERSION, epoch, release(), clock is None, sync, this_boot(), clock or 0.0, 0.0, PROTOCOL_VERSION
         )
         super().__init__(folder, INPUT_SUFFIX, sync)
 
@@ -116,11 +116,9 @@ class InputSegment:
         self.size = path.stat().st_size
         self.end = 0
         self.head: Head | None = None
-        with path.open("rb") as stream:
-            for place, payload in payloads(stream):
-                if (head := _head_of(payload)) is not None:
-                    self.head, self.end = head, place
-                break
+        with path.open("rb") as stream, contextlib.suppress(msgspec.MsgspecError):
+            for place, payload in islice(payloads(stream), 1):
+                self.head, self.end = _decode_head(payload), place
         self._begin = self.end
 
     @property
@@ -154,10 +152,3 @@ class InputSegment:
                     return
                 self.end = place
                 yield found
-
-
-def _head_of(payload: bytes) -> Head | None:
-    try:
-        return _decode_head(payload)
-    except msgspec.MsgspecError:
-        return None

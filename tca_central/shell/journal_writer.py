@@ -9,17 +9,17 @@ from pathlib import Path
 from tca_central.shell.log_writer import LogWriter, Sync
 from tca_wire.journal.facts import JOURNAL_VERSION, CentralFailed, Closed, Entry, Opened
 from tca_wire.journal.records import SEGMENT_SUFFIX, record
+from tca_wire.release import release
 
 
 class JournalWriter(LogWriter):
     """One run's journal."""
 
     def __init__(
-        self, folder: Path, *, epoch: str, version: str, sync: Sync = Sync.BATCH, after: Opened | None = None,
-        entry: Entry | None = None,
-    ) -> None:  # fmt: skip
+        self, folder: Path, *, epoch: str, sync: Sync, after: Opened | None = None, entry: Entry | None = None
+    ) -> None:
         """*after*: the newest segment of the same run, which goes on with what follows *entry*."""
-        self._epoch, self._version = epoch, version
+        self._epoch = epoch
         self._last = entry or Entry(0, 0.0, [])  # entry
         self._began = time.time() - self._last.time
         self._segment = after.segment if after is not None else 0
@@ -28,7 +28,7 @@ class JournalWriter(LogWriter):
     def head(self) -> bytes:
         """Each segment says which journal it belongs to."""
         self._segment += 1
-        opened = Opened(JOURNAL_VERSION, self._epoch, self._segment, self._began, self._version)
+        opened = Opened(JOURNAL_VERSION, self._epoch, self._segment, self._began, release())
         return record(Entry(self._last.number, self._last.time, [opened]))
 
     def add(self, entry: Entry) -> None:

@@ -15,7 +15,6 @@ from tca_central.shell.log_writer import Sync, lock_folder, numbers
 from tca_central.shell.recovery import UnfinishedRun, recover, unfinished
 from tca_central.shell.run_log import RunLog
 from tca_wire.journal.records import SEGMENT_SUFFIX
-from tca_wire.release import release
 
 log = logging.getLogger("tca.central")
 
@@ -61,22 +60,20 @@ class RunFolder:
     def open(self, server: Recorder, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False) -> None:
         """Let a server write there; a run that goes on does so now. Raises CentralError."""
         run, central = self.run, self.central
-        epoch, version = central.epoch, release()
         inputs = None
         if keeps_inputs:
-            inputs = InputLog(
-                self.path, epoch=epoch, version=version, sync=sync, clock=central.clock.now if run is not None else None
-            )
+            clock = central.clock.now if run is not None else None
+            inputs = InputLog(self.path, epoch=central.epoch, sync=sync, clock=clock)
             sync = Sync.BATCH if sync is Sync.ALWAYS else sync  # the inputs lead to the same facts again
         if run is None:
-            server.log = RunLog(self.path, JournalWriter(self.path, epoch=epoch, version=version, sync=sync), inputs)
+            server.log = RunLog(JournalWriter(self.path, epoch=central.epoch, sync=sync), inputs)
             return
-        journal = JournalWriter(self.path, epoch=epoch, version=version, sync=sync, after=run.opened, entry=run.last)
+        journal = JournalWriter(self.path, epoch=central.epoch, sync=sync, after=run.opened, entry=run.last)
         for entry in run.missing:
             journal.add(entry)
         if inputs is not None:
             inputs.first = run.first
-        server.log = RunLog(self.path, journal, inputs, known=run.known, kept=run.kept)
+        server.log = RunLog(journal, inputs, known=run.known, kept=run.kept)
         self._go_on(server, run, inputs, hold=hold)
 
     @staticmethod

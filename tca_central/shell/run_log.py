@@ -1,7 +1,6 @@
 """What is written of a run: its inputs and images of its state, for central, and the journal of facts, for people."""
 
 import os
-from pathlib import Path
 
 from tca_central.core import Central
 from tca_central.events import Input
@@ -18,11 +17,9 @@ LEAST_SHARE = 20
 class RunLog:
     """Files in one folder."""
 
-    def __init__(
-        self, folder: Path, journal: JournalWriter, inputs: InputLog | None, known: int = 0, kept: int = 0
-    ) -> None:
+    def __init__(self, journal: JournalWriter, inputs: InputLog | None, known: int = 0, kept: int = 0) -> None:
         """Without *inputs* a run can't go on after a crash. *known*, *kept*: events and number of the newest image."""
-        self.folder = folder
+        self.folder = journal.folder
         self.images = Images(inputs, journal, known, kept) if inputs is not None else None
         self._journal, self._inputs = journal, inputs
 

@@ -375,7 +375,7 @@ class Daemon:
         try:
             self.socket.send_multipart((connection, _BEAT), zmq.DONTWAIT)
         except zmq.Again:
-            return True
+            return True  # more than enough are on their way
         except zmq.ZMQError:
             return False
         return True
@@ -397,14 +397,10 @@ class Daemon:
             self.take(ConnectionLost(self.now(), connection.id, why))
             self._greet(connection.id)  # should it go on
         for pulse in beating - silent:
-            try:
-                self.socket.send_multipart((pulse, _BEAT), zmq.DONTWAIT)
-            except zmq.Again:
-                continue  # more than enough are on their way
-            except zmq.ZMQError:
-                pulses.gone(pulse)
-            else:
+            if self._beat(ConnectionId(pulse)):
                 pulses.sent(pulse)
+            else:
+                pulses.gone(pulse)
 
     def _hear_last_words(self) -> None:
         """Let happen all that has arrived by now: a connection may have said goodbye before it went."""

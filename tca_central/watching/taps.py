@@ -34,7 +34,6 @@ from tca_wire.points import (
     STARTS,
     Moment,
     Point,
-    TaskId,
 )
 from tca_wire.rules import CONDITIONS, DELIVERED, FAILURE, LISTENERS, REPLIED, SUCCESS, recurs_on_retry
 from tca_wire.vocabulary import CENTRAL, Condition, Refusal, Role
@@ -211,7 +210,7 @@ def _add(
     if tap.at & DELIVERED:
         for handler in tapped.handlers:  # the listener is to be told in time of what a slot has ahead
             central.dispatcher.messages_ahead.recall(handler.resource)
-    task = TaskId(place.id) if isinstance(place, Task) else ROOT
+    task = place.id if isinstance(place, Task) else ROOT
     central.facts.append(facts.TapAdded(tap.id, condition, listener.name, tapped.name, task, by.name))
     direct_routes.review(central, [tapped])
     return tap
@@ -349,7 +348,7 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
     if task is not None and rule.lasts_until:
         _end_those_before(central, tap, task)
     if task is not None and watches_it and ((rule.lasts_until and not is_bounded) or not is_alive):
-        options = replace(options, until=Point(TaskId(task.id), Moment(rule.lasts_until or END_ACHIEVING)))
+        options = replace(options, until=Point(task.id, Moment(rule.lasts_until or END_ACHIEVING)))
 
     def prepare(listener: Task) -> None:
         if message.message_class.is_monitor:

@@ -9,7 +9,6 @@ from tca_central.outgoing.central_messages import data_for, make
 from tca_central.state import State, dropped_fact
 from tca_wire.journal import facts
 from tca_wire.packets.parts import WatchOptions
-from tca_wire.points import TaskId
 from tca_wire.rules import RETURNED, recurs_on_retry
 from tca_wire.vocabulary import Refusal, Role
 
@@ -108,7 +107,7 @@ def stop_watching(central: State, watch: Watch, why: str) -> None:
         del central.watch_of_condition[condition.id]
     if watch.began is None:
         return
-    central.facts.append(facts.MonitorEnded(TaskId(watch.task.id), why))
+    central.facts.append(facts.MonitorEnded(watch.task.id, why))
     central.agenda.tap_events.append((watch.task, RETURNED))
     if not watch.task.message.message_class.has_condition and (cancel := watch.parts[_CANCEL]) is not None:
         make(central, cancel, data_for(cancel, watch.task.body), watch.task, Role.CANCEL, context=watch)
@@ -118,7 +117,7 @@ def end_monitor(central: State, watch: Watch, why: str) -> None:
     """Complete a monitor; one that has not begun never will watch, and the journal says why."""
     if not watch.is_over:
         if watch.began is None:
-            central.facts.append(facts.MonitorEnded(TaskId(watch.task.id), why))
+            central.facts.append(facts.MonitorEnded(watch.task.id, why))
         stop_watching(central, watch, why)
         if not watch.task.killed:
             central.agenda.mark_returned(watch.task)

@@ -188,7 +188,7 @@ def test_each_class_of_values_comes_back() -> None:
     values += [*Role, *Outcome, *Due, *MessageClass, Flags(3)]
     values += [tuple(range(length)) for length in range(12)] + [(1, ("a", ("b",)))]
     values += [None, True, 1, 1.0, 0.0, -0.0, float("inf"), 1 << 200, -1 << 70, "1", b"1", "é" * 300, b"\0" * 300]
-    values += [[], [1, [2]], {}, {1: {"a": ()}}, deque([1, None]), OrderedDict(b=1, a=2), {"a"}]
+    values += [[], [1, [2]], {}, {1: {"a": ()}}, deque([1, None]), OrderedDict(b=1, a=2)]
     central.facts.extend(values)
     again = decode(encode(central)).facts
     assert [(type(one), repr(one)) for one in again] == [(type(one), repr(one)) for one in values]
@@ -205,12 +205,11 @@ def test_what_an_image_cannot_hold_is_named_with_the_way_to_it() -> None:
         encode(player.central)
 
 
-def test_a_set_of_objects_has_no_order() -> None:
-    player = Player.of("planner: goal walk", "user")
-    player.task("user", "walk")
-    player.central.agenda.holds.ending.update(player.central.tree.tasks.values())
-    with pytest.raises(ImageError, match="set"):
-        encode(player.central)
+def test_a_set_has_no_order() -> None:
+    central = Player.of("user").central
+    central.facts.append({"a"})  # type: ignore[arg-type]
+    with pytest.raises(ImageError, match="item is a set"):
+        encode(central)
 
 
 @IN_PYTHON

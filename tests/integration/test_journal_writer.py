@@ -28,7 +28,7 @@ NOTE = Inform("note", bytes)
 
 def writer(folder: Path, sync: Sync = Sync.BATCH) -> JournalWriter:
     os.close(lock_folder(folder))
-    return JournalWriter(folder, epoch="e", version="0", sync=sync)
+    return JournalWriter(folder, epoch="e", sync=sync)
 
 
 @pytest.mark.parametrize("sync", list(Sync))
@@ -144,8 +144,8 @@ def test_tools_look_at_the_run_of_the_central_that_is_meant(tmp_path: Path, monk
 
 def test_a_failing_disk_is_named_and_the_run_stays_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "run").mkdir()
-    inputs = InputLog(tmp_path / "run", epoch="e", version="0", sync=Sync.ALWAYS)
-    log = RunLog(tmp_path / "run", writer(tmp_path / "run"), inputs)
+    inputs = InputLog(tmp_path / "run", epoch="e", sync=Sync.ALWAYS)
+    log = RunLog(writer(tmp_path / "run"), inputs)
     core = Core("e")
 
     def fails(_: int) -> None:
@@ -186,7 +186,7 @@ def test_central_goes_on_without_a_journal_if_it_was_told_so(tmp_path: Path) -> 
 def test_a_disk_is_nearly_full_when_bytes_and_share_are_few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What central does about that is in central/test_limits.py."""
     (tmp_path / "run").mkdir()
-    log = RunLog(tmp_path / "run", writer(tmp_path / "run"), None)
+    log = RunLog(writer(tmp_path / "run"), None)
     for least, share, is_full in ((1 << 80, 1, True), (1 << 80, 1 << 80, False), (0, 1, False)):
         monkeypatch.setattr(run_log, "LEAST_FREE", least)
         monkeypatch.setattr(run_log, "LEAST_SHARE", share)

@@ -105,7 +105,7 @@ class Daemon:
         folder.mkdir()
         central = Central("simulated")
         central.dispatcher.messages_ahead.trusts_all = options.trusts_all
-        InputLog(folder, epoch=central.epoch, version="0", sync=options.sync)
+        InputLog(folder, epoch=central.epoch, sync=options.sync)
         write_image(encode(central), folder / f"00000001{IMAGE_SUFFIX}")
         self.disk.kill()
         self.disk.sync()

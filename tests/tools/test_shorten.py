@@ -97,7 +97,7 @@ def test_segments_stay_that_a_recovery_compares(tmp_path: Path) -> None:
     """The inputs begin in the fourth segment: what is from then on is compared with what they lead to."""
     files = journal_of(tmp_path / "journal", 2)
     begun = entries(files[3])[0].time
-    inputs = InputLog(tmp_path / "journal", epoch="life", version="0", sync=Sync.NONE, clock=begun)
+    inputs = InputLog(tmp_path / "journal", epoch="life", sync=Sync.NONE, clock=begun)
     inputs.close()
     before = [path.read_bytes() for path in files]
     gone = inputs.folder / "00000009.tcai"  # central has just removed it
