@@ -1,10 +1,10 @@
 """Facts of failures and their exception handlers; see ``facts``, where all are found."""
 
-from tca_wire.journal.fact import BaseFact
+from tca_wire.journal.fact import BaseFact, NumberedFact, TaskFact
 from tca_wire.points import ROOT, TaskId
 
 
-class Failed(BaseFact, frozen=True, tag="failed"):
+class Failed(NumberedFact, frozen=True, tag="failed"):
     """A failure was raised on a task or message, or on what one receiver got: a copy of message *copy_of*.
 
     Of a module that was lost no handler returns: this ends its part. A failure that is raised *beside* the handler
@@ -12,7 +12,6 @@ class Failed(BaseFact, frozen=True, tag="failed"):
     *body* the failure's data; else the handler raised it, and they are "" and empty.
     """
 
-    id: int
     failure: str
     text: str
     is_beside: bool = False
@@ -21,10 +20,9 @@ class Failed(BaseFact, frozen=True, tag="failed"):
     copy_of: int = 0
 
 
-class Attached(BaseFact, frozen=True, tag="attached"):
+class Attached(NumberedFact, frozen=True, tag="attached"):
     """Exception handler *handler* takes care of a failure ("": any) of a task, or of all tasks of a message."""
 
-    id: int
     failure: str
     handler: str
     task: TaskId
@@ -32,17 +30,15 @@ class Attached(BaseFact, frozen=True, tag="attached"):
     maximum: int
 
 
-class Removed(BaseFact, frozen=True, tag="removed"):
+class Removed(NumberedFact, frozen=True, tag="removed"):
     """An exception handler or wiretap was taken away."""
 
-    id: int
     by: str
 
 
-class Caught(BaseFact, frozen=True, tag="caught"):
+class Caught(TaskFact, frozen=True, tag="caught"):
     """The failure of a task is handled: task *handler* was made for it, by attachment *attachment* of task *at*."""
 
-    task: TaskId
     handler: TaskId
     at: TaskId
     attachment: int
@@ -69,25 +65,22 @@ class NotResolved(BaseFact, frozen=True, tag="not resolved"):
     task: TaskId
 
 
-class Unhandled(BaseFact, frozen=True, tag="unhandled"):
+class Unhandled(TaskFact, frozen=True, tag="unhandled"):
     """No exception handler was found for the failure of a task: its top-level task is killed, or *undecided*."""
 
-    task: TaskId
     undecided: TaskId = ROOT
     """The exception handler that could not decide because of it: it is killed, and the search for the failure that it
     was called for goes on after it."""
 
 
-class Recovered(BaseFact, frozen=True, tag="recovered"):
+class Recovered(TaskFact, frozen=True, tag="recovered"):
     """The failure of a task has been dealt with, by *handler*; the task counts as handled."""
 
-    task: TaskId
     handler: TaskId = ROOT
 
 
-class Retried(BaseFact, frozen=True, tag="retried"):
+class Retried(TaskFact, frozen=True, tag="retried"):
     """A task will be handled again when all under it has ended, with the body as its data if there is one."""
 
-    task: TaskId
     body: bytes
     by: str
