@@ -16,7 +16,7 @@ from operator import itemgetter
 
 from tca_tools.analysis.standing import going_on, last_change
 from tca_tools.analysis.steps import Doing, PathStep, delay_of
-from tca_tools.explain.wait import has_come
+from tca_tools.explain.waits import has_come
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.coordinators import ends_waited_for
 from tca_tools.journal.records import Claim, HandlerWait, Handling, Hold, Message, Task

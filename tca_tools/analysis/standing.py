@@ -10,8 +10,8 @@ from typing import NamedTuple
 from tca_tools.analysis.steps import Doing, PathStep, delay_of
 from tca_tools.explain.ends import Ends
 from tca_tools.explain.graph import further, keeping, steps, waits_now
-from tca_tools.explain.wait import Node, Wait, node_of
 from tca_tools.explain.wait_words import wait_for
+from tca_tools.explain.waits import Node, Wait, node_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import Claim, HandlerWait, Handling, Hold, Message, Queueing, Suspension, Task
 from tca_tools.journal.whole_run import Run

@@ -5,7 +5,7 @@ from itertools import islice
 from typing import NamedTuple
 
 from tca_tools.explain.graph import next_node, steps
-from tca_tools.explain.wait import Node
+from tca_tools.explain.waits import Node
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import OVER
 from tca_wire.waits import WaitKind

@@ -15,10 +15,22 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from tca_tools.explain.keepers import Keepers, ahead_of_claim, kept_out, kept_since
-from tca_tools.explain.moments import is_to_be_handled_again, moments_before, next_moment
 from tca_tools.explain.overlapping import children_within
-from tca_tools.explain.wait import Node, Wait, lasting, node_of
-from tca_tools.explain.waits import begun_at, is_of_state, kept_by, of_handler_wait, of_message, own_waits
+from tca_tools.explain.waits import (
+    Node,
+    Wait,
+    begun_at,
+    is_of_state,
+    is_to_be_handled_again,
+    kept_by,
+    lasting,
+    moments_before,
+    next_moment,
+    node_of,
+    of_handler_wait,
+    of_message,
+    own_waits,
+)
 from tca_tools.journal.at_time import RunAt, remembered
 from tca_tools.journal.fates import watches
 from tca_tools.journal.records import (

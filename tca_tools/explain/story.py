@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from tca_tools.explain.deciding import calls, decisions, passed_on, retried
 from tca_tools.explain.keepers import parts_in_queue, parts_of_claim
-from tca_tools.explain.wait import Wait
 from tca_tools.explain.wait_words import (
     cut_by_cause,
     of_ahead,
@@ -21,7 +20,7 @@ from tca_tools.explain.wait_words import (
     told,
     wait_for,
 )
-from tca_tools.explain.waits import NO_TIME, of_handler_wait, told_waits
+from tca_tools.explain.waits import NO_TIME, Wait, of_handler_wait, told_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.coordinators import agent_task
 from tca_tools.journal.fates import WATCHING, told_to

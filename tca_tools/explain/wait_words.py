@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from tca_tools.explain.ends import End, Ends
 from tca_tools.explain.graph import keepers_of, next_node, steps, waits_now
 from tca_tools.explain.keepers import Keepers, WaitPart, kept_out
-from tca_tools.explain.wait import Wait
+from tca_tools.explain.waits import Wait
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.records import (
     OVER,
