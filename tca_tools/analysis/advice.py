@@ -14,8 +14,7 @@ from tca_tools.analysis.concurrency import Overlap, why_held
 from tca_tools.analysis.critical_path import CriticalPath
 from tca_tools.analysis.failures import FailureKind
 from tca_tools.analysis.held_up import Before, HeldUp, held_up
-from tca_tools.analysis.queues import Growing, growing
-from tca_tools.analysis.resources import Use
+from tca_tools.analysis.resources import Growing, Use, growing
 from tca_tools.analysis.step_words import still_handled, waited
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import span_of
