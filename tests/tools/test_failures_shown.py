@@ -18,7 +18,7 @@ from tca_tools.analysis.summary import summary
 from tca_tools.check import rules
 from tca_tools.explain.story import story
 from tca_tools.export.tables import TABLES
-from tca_tools.export.trace.details import of_handling, of_task
+from tca_tools.export.trace.tracks import of_handling, of_task
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.chart import Ending
 from tca_tools.gantt.svg import svg_text
