@@ -41,8 +41,7 @@ class Format(Generic[T]):
             self.schema = schema_text(kind)
             self._decoder = msgspec.msgpack.Decoder(kind, dec_hook=decode_custom, ext_hook=decode_array)
         except (TypeError, NameError, ValueError) as error:
-            msg = f"{self} can't be a format: {error}"
-            raise BadFormat(msg) from None
+            raise BadFormat(f"{self} can't be a format: {error}") from None
         self._encoder = msgspec.msgpack.Encoder(enc_hook=encode_custom)
         self._certain = kind if kind in _CERTAIN else None
         self._has_fields = '"properties"' in self.schema or '"prefixItems"' in self.schema
