@@ -16,8 +16,7 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from tca_tools.analysis.steps import Doing, PathStep, delay_of
-from tca_tools.explain.ends import Ends
-from tca_tools.explain.graph import further, keeping, steps, waits_now
+from tca_tools.explain.graph import Ends, further, keeping, steps, waits_now
 from tca_tools.explain.wait_words import wait_for
 from tca_tools.explain.waits import Node, Wait, has_come, node_of
 from tca_tools.journal.at_time import RunAt

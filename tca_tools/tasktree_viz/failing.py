@@ -6,7 +6,7 @@ from math import inf, nextafter
 from typing import NamedTuple
 
 from tca_tools.explain.deciding import called_for, calls, decider, retried
-from tca_tools.explain.ends import Ends
+from tca_tools.explain.graph import Ends
 from tca_tools.explain.story import NOT_HANDLED
 from tca_tools.explain.wait_words import age_of, how, in_the_end, shown, told_now
 from tca_tools.journal.at_time import RunAt, TaskAt

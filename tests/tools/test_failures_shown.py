@@ -37,8 +37,7 @@ from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
-from tca_tools.tasktree_viz.text import COLOURS, tree_lines
-from tca_tools.tasktree_viz.told import story_lines
+from tca_tools.tasktree_viz.text import COLOURS, story_lines, tree_lines
 from tca_tools.tasktree_viz.words import summary as title
 from tca_tools.view.answers import message_answer
 from tca_tools.view.reading import Reading
