@@ -91,11 +91,6 @@ class Wait(NamedTuple):
     """The ends of further subtasks that it stands for."""
 
     @property
-    def seconds(self) -> float:
-        """How long it took; infinite, if it goes on."""
-        return self.end - self.start
-
-    @property
     def is_leaf(self) -> bool:
         """Whether nothing else has to come about first."""
         is_own = isinstance(self.record, Suspension) and self.record.cause == self.record.task
