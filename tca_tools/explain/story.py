@@ -136,12 +136,10 @@ def _birth(run: Run, message: Message) -> Sentence:
 def _failures(run: Run, message: Message, moment: float) -> Sentences:
     raised = run.raised.get(message.id, ())
     by = {(one.time, one.failure): raised_by(one.by) for one in raised}
-    for time, failure in message.became("failure"):
-        if failure:
-            text = f"failed: {failure}{by.get((time, failure), '')}"
-            yield Sentence(time, text, is_bad=True)
-            if who := told_to(run, message, time, max(moment, time)):
-                yield Sentence(time, f"its failure is {who}")
+    for time, failure in message.failures:
+        yield Sentence(time, f"failed: {failure}{by.get((time, failure), '')}", is_bad=True)
+        if who := told_to(run, message, time, max(moment, time)):
+            yield Sentence(time, f"its failure is {who}")
     for time, data in message.became("failure_data"):
         if text := data_text(data):
             yield Sentence(time, f"the failure's data: {text}")

@@ -234,7 +234,7 @@ def _why_untold(run: Run, failed: Failing, time: float) -> str:
 
 def _stopped_watching(run: Run, monitor: Task, asked: float, time: float) -> bool:
     """Whether a monitor had ended, or begun anew, when a condition that it had asked failed: it does not fail, too."""
-    failed = {when for when, failure in monitor.became("failure") if failure}
+    failed = {when for when, _ in monitor.failures}
     failed.update(one.time for one in run.raised.get(monitor.id, ()))  # with the same text, too
     if time in failed:
         return False

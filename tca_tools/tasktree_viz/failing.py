@@ -9,6 +9,7 @@ from tca_tools.explain.deciding import called_for, calls, decider, retried
 from tca_tools.explain.graph import Ends
 from tca_tools.explain.story import NOT_HANDLED
 from tca_tools.explain.wait_words import age_of, how, in_the_end, shown, told_now
+from tca_tools.explain.waits import killed_at
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.fates import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
 from tca_tools.journal.records import DONE, OVER, Failure, Message, Task
@@ -44,7 +45,7 @@ def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
     found: list[tuple[float, _Place, Link]] = []
     waiting = [_FailureCause(task, (), moment, moment)]
     seen = {task.id}
-    killed = _killed(task)
+    killed = killed_at(task)
     if not task.failures and killed <= moment:
         link = _with_why(killed, 0, f"{task} was killed", task.why_killed or "")
         found.append((killed, (_END, 0), link))
@@ -91,10 +92,6 @@ def _order(found: tuple[float, _Place, Link]) -> tuple[float, int, _Place]:
     *causes, step, _ = place
     above = sum(1 if one == _CAUSES else -_MOST_LINKS for one in causes[::2])
     return time, (_MOST_LINKS**2 + above) if step == _END else 0, place
-
-
-def _killed(task: Task) -> float:
-    return inf if task.killed is None else task.written("killed")
 
 
 def _steps_of(run: Run, cause: _FailureCause) -> Iterator[tuple[_Place, Link]]:
@@ -196,7 +193,7 @@ def _decided(task: Task, failed: float) -> float:
     places = range(task.place_at(failed), len(task.stages))
     states = [time for time, state in map(task.stage, places) if state not in UNDECIDED]
     decided = [time for time in states if time > failed]
-    return min([*decided[:1], _killed(task), task.time_of(Moment.END_ACHIEVING)])
+    return min([*decided[:1], killed_at(task), task.time_of(Moment.END_ACHIEVING)])
 
 
 def _is_named(run: Run, cause: Message, until: float, failed: Message) -> bool:

@@ -276,8 +276,7 @@ def _moments(track: Track, span: TraceSpan, task: Task) -> list[Event]:
     trace = track.trace
     news: list[tuple[float, str, str, Details]] = [
         (time, "failed", "failure", {"failure": text, "handled": went_on(trace.run, task, time)})
-        for time, text in task.became("failure")
-        if text
+        for time, text in task.failures
     ]
     news += [
         (time, "killed", "failure", {"why": why, "by": task.was("killed_by", time) or None})
