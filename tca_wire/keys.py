@@ -77,8 +77,7 @@ def read_secret(path: Path, *names: str) -> dict[str, str]:
             found = tomllib.load(file)
     except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         why = error.strerror if isinstance(error, OSError) else str(error)
-        msg = f"can't read the key {path}: {why}"
-        raise KeyRefused(msg) from None
+        raise KeyRefused(f"can't read the key {path}: {why}") from None
     if stat.S_IMODE(mode) & 0o077:
         msg = f"others may read the key {path}: chmod 600 it, and make a new one if somebody has"
         raise KeyRefused(msg)

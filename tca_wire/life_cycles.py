@@ -184,8 +184,7 @@ class LifeCycle:
             self._refuse(f"the server can't end a task that is '{stuck[0]}': add a way to an end, see ending()")
 
     def _refuse(self, why: str) -> None:
-        msg = f"life cycle {self.name!r:.40} can't be: {why}"
-        raise BadFormat(msg)
+        raise BadFormat(f"life cycle {self.name!r:.40} can't be: {why}")
 
 
 def _reachable(start: list[str], arrows: list[tuple[str, str]]) -> set[str]:
@@ -222,8 +221,7 @@ def _read(text: str) -> LifeCycle:
             text, type=tuple[str, str, str, str, list[Transition]]
         )
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        msg = f"no table of a life cycle: {error}"
-        raise BadFormat(msg) from None
+        raise BadFormat(f"no table of a life cycle: {error}") from None
     return LifeCycle(name, rows, initial=initial, done=done, cancelled=cancelled)
 
 

@@ -3,13 +3,21 @@
 from enum import IntEnum, StrEnum
 from typing import Self
 
-_TRAITS = (
-    "is_task", "is_goal", "is_monitor", "has_reply", "fans_out", "keeps_value", "may_react", "has_condition",
-    "is_aside", "handles_failures",
-)  # fmt: skip
+
+class _WithTraits(StrEnum):
+    """Words with traits: the attributes that a class declares are True for the members that name them."""
+
+    def __new__(cls, word: str, *traits: str) -> Self:
+        """A word with its traits as attributes, True or False."""
+        assert set(traits) <= cls.__annotations__.keys(), f"{word}: unknown trait"
+        member = str.__new__(cls, word)
+        member._value_ = word
+        for trait in cls.__annotations__:
+            setattr(member, trait, trait in traits)
+        return member
 
 
-class MessageClass(StrEnum):
+class MessageClass(_WithTraits):
     """The routing of a message, and whether it becomes a task (TCA 8.5, message classes): one row each."""
 
     is_task: bool
@@ -45,15 +53,6 @@ class MessageClass(StrEnum):
     DEMON_MONITOR = "demon monitor", "is_task", "is_monitor", "is_aside"
     VARIABLE = "variable", "fans_out", "keeps_value"
 
-    def __new__(cls, word: str, *traits: str) -> Self:
-        """A class with its traits as attributes, True or False."""
-        assert set(traits) <= set(_TRAITS), f"{word}: unknown trait"
-        member = str.__new__(cls, word)
-        member._value_ = word
-        for trait in _TRAITS:
-            setattr(member, trait, trait in traits)
-        return member
-
     @property
     def asks_one(self) -> bool:
         """Whether it is a question to one handler."""
@@ -70,7 +69,7 @@ class MessageClass(StrEnum):
         return self.is_task and not self.is_goal and not self.is_monitor
 
 
-class Role(StrEnum):
+class Role(_WithTraits):
     """Why central made a message itself; "" for what a module sent."""
 
     is_of_monitor: bool
@@ -88,14 +87,6 @@ class Role(StrEnum):
     ACTION = "action", "is_of_monitor"
     SET_UP = "set up", "is_of_monitor"
     CANCEL = "cancel", "is_of_monitor", "leaves_safe", "survives"
-
-    def __new__(cls, word: str, *traits: str) -> Self:
-        """A role with its traits as attributes, True or False."""
-        member = str.__new__(cls, word)
-        member._value_ = word
-        for trait in ("is_of_monitor", "leaves_safe", "survives"):
-            setattr(member, trait, trait in traits)
-        return member
 
 
 class Outcome(StrEnum):

@@ -6,8 +6,7 @@ only way to end sooner, and it helps until another path is the longest.
 
 from dataclasses import dataclass, field
 
-from tca_tools.analysis.backwards import Causes
-from tca_tools.analysis.standing import at_last
+from tca_tools.analysis.backwards import Causes, at_last
 from tca_tools.analysis.step_words import named
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import is_over, mattering

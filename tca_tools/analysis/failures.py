@@ -12,8 +12,18 @@ from operator import attrgetter
 from tca_tools.explain.deciding import calls
 from tca_tools.explain.story import awaited
 from tca_tools.journal.at_time import RunAt
-from tca_tools.journal.failures import Failed, all_failures
-from tca_tools.journal.fates import ENDED_TASKS, GOOD_FATES, Fate, begun_again_with, failing, fate, told_to, went_on
+from tca_tools.journal.fates import (
+    ENDED_TASKS,
+    GOOD_FATES,
+    Failed,
+    Fate,
+    all_failures,
+    begun_again_with,
+    failing,
+    fate,
+    told_to,
+    went_on,
+)
 from tca_tools.journal.records import HandlerWait, Handling, Message, Task
 from tca_tools.journal.whole_run import Run
 from tca_tools.spans import Cover, Span

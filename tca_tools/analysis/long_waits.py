@@ -9,9 +9,8 @@ from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
 from tca_tools.explain.keepers import Keepers, parts_in_queue, parts_of_claim
-from tca_tools.explain.wait import has_come
 from tca_tools.explain.wait_words import cut_by_cause, of_claim, of_queueing, wait_for
-from tca_tools.explain.waits import NO_TIME, of_handler_wait, told_waits
+from tca_tools.explain.waits import NO_TIME, has_come, of_handler_wait, told_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import HandlerWait, Queueing, Suspension, Task, TaskState
 from tca_tools.journal.whole_run import Run

@@ -5,11 +5,9 @@ from math import nextafter
 
 from tca_tools.analysis.long_waits import handler_wait_in_words
 from tca_tools.analysis.steps import Doing, PathStep
-from tca_tools.explain.ends import Ends
-from tca_tools.explain.graph import waits_now
-from tca_tools.explain.wait import Wait
+from tca_tools.explain.graph import Ends, waits_now
 from tca_tools.explain.wait_words import last_of, told
-from tca_tools.explain.waits import waits_of
+from tca_tools.explain.waits import Wait, waits_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import Message, Queueing, Task
 from tca_tools.journal.whole_run import UNKNOWN, Run

@@ -2,23 +2,38 @@
 
 - ``keeping(at, node)``: what keeps a task from one of its moments, or a message from its answer. What is planned ahead
   is kept from being planned by one thing and from being achieved by another: each wait says which moments it ``holds``.
-- ``further(at, wait)``: the nodes that have to come about first; ``steps(at, node)`` does both (ends.py walks on them).
+- ``further(at, wait)``: the nodes that have to come about first; ``steps(at, node)`` does both.
+- ``Ends``: what all waits lead to in the end; ``causes(at)``: what most tasks wait for.
 - ``waits_now(at, number)``: what people are told of a message.
 
 A wait in a queue (RESOURCE) or for a lock (LOCK) leads to what keeps the resource busy (keepers.py).
 """
 
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from math import inf
 from operator import itemgetter
 from typing import NamedTuple
 
 from tca_tools.explain.keepers import Keepers, ahead_of_claim, kept_out, kept_since
-from tca_tools.explain.moments import is_to_be_handled_again, moments_before, next_moment
 from tca_tools.explain.overlapping import children_within
-from tca_tools.explain.wait import Node, Wait, lasting, node_of
-from tca_tools.explain.waits import begun_at, is_of_state, kept_by, of_handler_wait, of_message, own_waits
+from tca_tools.explain.waits import (
+    Node,
+    Wait,
+    begun_at,
+    is_of_state,
+    is_to_be_handled_again,
+    kept_by,
+    lasting,
+    moments_before,
+    next_moment,
+    node_of,
+    of_handler_wait,
+    of_message,
+    own_waits,
+)
 from tca_tools.journal.at_time import RunAt, remembered
 from tca_tools.journal.fates import watches
 from tca_tools.journal.records import (
@@ -37,11 +52,23 @@ from tca_tools.journal.records import (
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_HANDLING
 from tca_wire.waits import NAMED, WaitKind
+from tca_wire.waits import ends as walker
 
 _KEPT = (WaitKind.RESOURCE, WaitKind.LOCK)
 """Waits for a resource that others keep busy."""
 
 _SINCE = itemgetter(0)
+
+_TOLD = 20
+"""Things that many wait for."""
+_RANKS = (
+    WaitKind.CIRCLE, WaitKind.HANDLER, WaitKind.RESUME, WaitKind.LOCKED, None, WaitKind.DELAY, WaitKind.PRESENCE,
+    WaitKind.CHANGE, WaitKind.RUNNING, WaitKind.CONDITION,
+)  # fmt: skip
+"""Why something waits for nothing else, in the order in which it is told: what stands first, monitors that watch last.
+None: for something that the journal does not tell.
+"""
+_RANK = {kind: rank for rank, kind in enumerate(_RANKS)}
 
 
 # --- what keeps a node from coming about -----------------------------------------------------------------------------
@@ -277,3 +304,128 @@ def _still_running(at: RunAt, task: Task) -> Iterator[Wait]:
     for run in at.ran_on(now):
         wait = lasting(run, WaitKind.RUNNING, node_of(at.run, run), 0)
         yield wait._replace(start=max(now.since, run.start))
+
+
+# --- the ends of all waits -------------------------------------------------------------------------------------------
+
+
+class End(NamedTuple):
+    """The end of a chain of waits: it waits for nothing else. Ends sort by what is told first."""
+
+    rank: int
+    """The place of its kind among ``_RANKS``."""
+    number: int
+    """The message, task or lock; of a circle the first one in it."""
+
+    @property
+    def kind(self) -> WaitKind | None:
+        """Why it waits for nothing else (None: the journal does not tell)."""
+        return _RANKS[self.rank]
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether it is no wait where it is the task's own: it runs, or watches."""
+        return self.kind in (WaitKind.RUNNING, WaitKind.CONDITION)
+
+
+class Cause(NamedTuple):
+    """Something that tasks wait for in the end."""
+
+    ends: tuple[End, ...]
+    """It; several, of messages of one name that nobody handles."""
+    tasks: int
+    """How many wait for it."""
+    first: int
+    """The first task that does."""
+
+
+class Ends:
+    """The ends of all waits at a moment."""
+
+    def __init__(self, at: RunAt) -> None:
+        self._at = at
+        self._walk: walker.Ends[Node, End] = walker.Ends(self)
+        self._left: int | None = None
+        """The number of waits that may be looked at (None: all)."""
+        self._awaited: set[Node] = set()
+        """All that something else waits for."""
+
+    @classmethod
+    def at(cls, at: RunAt) -> "Ends":
+        """Those of a moment, as far as they have been looked for already."""
+        found: Ends = at.memo.setdefault(cls, cls(at))
+        return found
+
+    def of(self, number: int, within: int | None = None) -> tuple[End, ...]:
+        """The ends of a message's waits: the first ``MOST``, and one more if there are more. Itself, if it waits for
+        nothing that has a number; nothing, if there are more than so many waits *within* which it was looked for.
+        """
+        return self.of_node(next_node(self._at, number), within)
+
+    def of_node(self, node: Node, within: int | None = None) -> tuple[End, ...]:
+        """The ends of the waits of any node."""
+        self._left = within
+        try:
+            return self._walk.of(node)
+        except walker.TooFarError:
+            return ()
+
+    def steps(self, node: Node) -> tuple[list[Node], list[End]]:
+        """One step of the walk."""
+        if self._left is not None:
+            self._left -= 1
+            if self._left < 0:
+                raise walker.TooFarError
+        nexts, leaves = steps(self._at, node)
+        self._awaited.update(nexts)
+        if nexts and not leaves:
+            return nexts, []
+        return nexts, [End(_RANK[kind], node.number) for kind in leaves or (None,)]
+
+    @staticmethod
+    def circle(nodes: list[Node]) -> End:
+        """The end of those that wait for each other."""
+        return End(_RANK[WaitKind.CIRCLE], min(node.number for node in nodes))
+
+    def members(self, circle: End) -> list[int]:
+        """All that wait for each other in a circle."""
+        return sorted({node.number for node in self._walk.circles[circle]})
+
+    def last(self) -> set[End]:
+        """All ends that something else has been found to wait for."""
+        known = ((to.number, self._walk.known[to][0]) for to in self._awaited if to in self._walk.known)
+        return {end for number, end in known if end.number == number}
+
+
+def causes(at: RunAt) -> tuple[int, int, list[Cause]]:
+    """How many tasks wait, for how many things in the end, and the things that most of them wait for. What nobody
+    handles counts once a name; a task counts for its first ``MOST`` ends.
+    """
+    ends = Ends.at(at)
+    waiting: dict[int, tuple[tuple[End, ...], list[int]]] = {}
+    for task in islice(at.run.tasks.values(), len(at.tasks)):
+        if task.state_at(at.moment) not in OVER:
+            found = ends.of(task.id)
+            if found[0].number != task.id or not found[0].goes_on:
+                if id(found) not in waiting:  # as they are all kept
+                    waiting[id(found)] = found, []
+                waiting[id(found)][1].append(task.id)
+    first: dict[End, int] = {}
+    things: dict[object, list[End]] = {}
+    counts: Counter[object] = Counter()
+    for found, tasks in waiting.values():
+        first[found[0]] = min(tasks[0], first.get(found[0], tasks[0]))
+        for thing, end in {_thing(at, end): end for end in reversed(found)}.items():
+            things.setdefault(thing, []).append(end)
+            counts[thing] += len(tasks)
+    ranked = sorted(things, key=lambda thing: (-counts[thing], min(things[thing])))[:_TOLD]
+    told = [tuple(sorted(set(things[thing]))) for thing in ranked]
+    return (
+        sum(len(tasks) for _, tasks in waiting.values()),
+        len({*things, *(_thing(at, end) for end in ends.last())}),
+        [Cause(one, counts[thing], first.get(one[0], one[0].number)) for one, thing in zip(told, ranked, strict=True)],
+    )
+
+
+def _thing(at: RunAt, end: End) -> object:
+    return at.run.name(end.number) if end.kind is WaitKind.HANDLER else end

@@ -42,11 +42,6 @@ class WaitPart(NamedTuple):
     """inf: it goes on."""
     by: Keepers
 
-    @property
-    def seconds(self) -> float:
-        """How long."""
-        return self.end - self.start
-
 
 def kept_out(at: RunAt, module: str, resource: str, message: Message | TaskAt) -> Keepers:
     """The keepers of a resource from a queued message: the lock in force, or the next in line even if there is room;

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from tca_tools.explain.deciding import calls, decisions, passed_on, retried
 from tca_tools.explain.keepers import parts_in_queue, parts_of_claim
-from tca_tools.explain.wait import Wait
 from tca_tools.explain.wait_words import (
     cut_by_cause,
     of_ahead,
@@ -21,7 +20,7 @@ from tca_tools.explain.wait_words import (
     told,
     wait_for,
 )
-from tca_tools.explain.waits import NO_TIME, of_handler_wait, told_waits
+from tca_tools.explain.waits import NO_TIME, Wait, of_handler_wait, told_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.coordinators import agent_task
 from tca_tools.journal.fates import WATCHING, told_to
@@ -137,12 +136,10 @@ def _birth(run: Run, message: Message) -> Sentence:
 def _failures(run: Run, message: Message, moment: float) -> Sentences:
     raised = run.raised.get(message.id, ())
     by = {(one.time, one.failure): raised_by(one.by) for one in raised}
-    for time, failure in message.became("failure"):
-        if failure:
-            text = f"failed: {failure}{by.get((time, failure), '')}"
-            yield Sentence(time, text, is_bad=True)
-            if who := told_to(run, message, time, max(moment, time)):
-                yield Sentence(time, f"its failure is {who}")
+    for time, failure in message.failures:
+        yield Sentence(time, f"failed: {failure}{by.get((time, failure), '')}", is_bad=True)
+        if who := told_to(run, message, time, max(moment, time)):
+            yield Sentence(time, f"its failure is {who}")
     for time, data in message.became("failure_data"):
         if text := data_text(data):
             yield Sentence(time, f"the failure's data: {text}")

@@ -10,10 +10,9 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from tca_tools.explain.ends import End, Ends
-from tca_tools.explain.graph import keepers_of, next_node, steps, waits_now
+from tca_tools.explain.graph import End, Ends, keepers_of, next_node, steps, waits_now
 from tca_tools.explain.keepers import Keepers, WaitPart, kept_out
-from tca_tools.explain.wait import Wait
+from tca_tools.explain.waits import Wait
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.records import (
     OVER,
@@ -187,9 +186,9 @@ def _called(claim: Claim) -> str:
 # --- current waits ---------------------------------------------------------------------------------------------------
 
 
-def reasons(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[str]:
+def reasons(at: RunAt, task: TaskAt) -> list[str]:
     """The reasons why a task waits, in words that go behind ``how``: ``["until take steps {2} is achieved"]``."""
-    return clauses(told_now(at, task, shown(at, task, with_children=with_children)))
+    return clauses(told_now(at, task, shown(at, task)))
 
 
 def told_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]:

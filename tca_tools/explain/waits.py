@@ -7,24 +7,25 @@
 graph.py has what was so at a moment. Words come last.
 """
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from math import inf
 from operator import attrgetter, itemgetter
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
-from tca_tools.explain.moments import NO_LATER, is_to_be_handled_again, killed_at, moments_before, next_moment, past
+from tca_tools.explain.deciding import decider
 from tca_tools.explain.overlapping import children_within, has_many, worked_out
-from tca_tools.explain.retries import of_retry
-from tca_tools.explain.wait import Node, Wait, lasting, node_of
 from tca_tools.journal.fates import watching
 from tca_tools.journal.records import (
     OVER,
+    PLACES,
     HandlerWait,
     Handling,
     Hold,
     Message,
     Queueing,
+    Retry,
     Suspension,
     Task,
     TaskState,
@@ -44,18 +45,148 @@ from tca_wire.points import (
     STARTS,
     TaskId,
 )
+from tca_wire.rules import rules_of
 from tca_wire.waits import NAMED, WaitKind
 
-ALWAYS = -inf, inf
+_ALWAYS = -inf, inf
 NO_TIME = 1e-6
 """Seconds: what lasts no longer is no wait to tell of."""
-OF_ORDER = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.SUBTASK}
+_OF_ORDER = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.SUBTASK}
 """Waits for points of other tasks that the order of tasks demands."""
-_OF_ITS_STATE = OF_ORDER | {WaitKind.DELAY}
+_OF_ITS_STATE = _OF_ORDER | {WaitKind.DELAY}
 """Causes that keep a task only since it is in its state: before that something else did."""
 
 _Span = TypeVar("_Span", Queueing, Handling)
 _START, _SINCE, _SPAN = attrgetter("start"), itemgetter(0), attrgetter("start", "end")
+_LEAVES = (WaitKind.HANDLER, WaitKind.DELAY, WaitKind.CONDITION, WaitKind.RUNNING, WaitKind.PRESENCE)
+
+
+class Node(NamedTuple):
+    """Something that has to come about."""
+
+    number: int
+    """The task, message or claim."""
+    moment: int = 0
+    """The moment that the task is to reach. 0: it is to be resumed, answered, or its claim granted or released."""
+    delivery: int = 0
+    """Of what was sent to many: the one of them that is to be handled (0: all)."""
+
+
+class Wait(NamedTuple):
+    """One thing that something waits for, and from when until when."""
+
+    start: float
+    end: float
+    """inf: it goes on."""
+    kind: WaitKind
+    on: Node
+    """The node that has to come first; of a leaf the thing itself."""
+    holds: int
+    """The moments of the waiting task that it keeps from being reached, as bits."""
+    record: Hold | Queueing | Handling | HandlerWait | Suspension | None = None
+    """The record of the wait, if that is more than a point of a task."""
+    since: float = 0.0
+    """Since when it has waited in all without a break, whatever for; no later than *start*."""
+    others: Sequence[float] = ()
+    """The ends of further subtasks that it stands for."""
+
+    @property
+    def is_leaf(self) -> bool:
+        """Whether nothing else has to come about first."""
+        is_own = isinstance(self.record, Suspension) and self.record.cause == self.record.task
+        return self.kind in _LEAVES or is_own or (self.kind is WaitKind.CHANGE and not self.on.number)
+
+
+def lasting(record: Queueing | Handling | HandlerWait | Suspension, kind: WaitKind, on: Node, holds: int) -> Wait:
+    """A wait that lasts as long as its record."""
+    return Wait(record.start, record.until, kind, on, holds, record, record.start)
+
+
+def has_come(run: Run, wait: HandlerWait) -> bool:
+    """Whether what a handler waited for a task for had come when the wait was over; True if it is no certain task."""
+    task = run.tasks.get(wait.awaited)
+    if task is None or wait.end is None:
+        return task is None
+    if wait.kind is WaitKind.CHANGE:
+        return wait.end in task.times or any(one.time == wait.end for one in task.life or ())
+    return wait.moment is None or task.time_of(wait.moment) <= wait.end
+
+
+def node_of(run: Run, handling: Handling) -> Node:
+    """That a run of a handler ends."""
+    if handling.message_id in run.tasks:
+        return Node(handling.message_id, END_HANDLING)
+    is_one_of_many = handling.delivery != handling.message_id
+    return Node(handling.message_id, 0, handling.delivery if is_one_of_many else 0)
+
+
+# --- the moments of a task that matter at a time ---------------------------------------------------------------------
+
+_NO_LATER = {is_goal: {0: 0, **rules_of(is_goal).no_later} for is_goal in (True, False)}
+"""As bits all that comes no later than a moment, and the moment: of a goal (True), and of what only acts."""
+_NEXT = {
+    TaskState.HELD: START_HANDLING,
+    TaskState.QUEUED: END_HANDLING,  # once more
+    TaskState.PLANNING: END_PLANNING,
+    TaskState.PLANNED: START_ACHIEVING,
+    TaskState.HANDLING: END_HANDLING,
+    TaskState.ACHIEVING: END_ACHIEVING,
+    TaskState.RECOVERING: END_HANDLING,
+    TaskState.SUSPENDED: 0,
+    TaskState.ENDING: END_ACHIEVING,
+}
+"""The moment that a task in a state comes to next (0: it is to be resumed)."""
+
+
+def killed_at(task: Task) -> float:
+    """When a task was killed; inf if it was not."""
+    return inf if task.killed is None else task.written("killed")
+
+
+def past(task: Task, time: float) -> int:
+    """The moments that a task had reached, as bits."""
+    past = 0
+    for moment, place in PLACES.items():
+        past |= moment if task.times[place] <= time else 0
+    return past
+
+
+def next_moment(task: Task, state: TaskState, time: float) -> int:
+    """The next moment of a task in a state; a task handled once more comes to the same one again."""
+    if state is TaskState.QUEUED and task.time_of(START_HANDLING) > time:
+        return START_HANDLING
+    moment = _NEXT.get(state, END_ACHIEVING)
+    is_past = moment == END_HANDLING and task.time_of(END_HANDLING) <= time
+    return END_ACHIEVING if is_past else moment
+
+
+def moments_before(task: Task, moment: int, time: float) -> int:
+    """The moments that a task has to reach before that one, and that one, unless it has. A constraint between two of
+    its own moments adds what comes before the first.
+    """
+    if task.time_of(moment) <= time:
+        is_again = moment == END_HANDLING and (going_on(task.handlings, time) or task.was_retried(time))
+        return END_HANDLING if is_again else 0  # it is handled again, or to be
+    if killed_at(task) <= time:  # it reaches none before its handler has returned
+        return END_HANDLING | (moment & ENDS)
+    before = _NO_LATER[task.message_class.is_goal]
+    left = ~past(task, time)
+    found = before[moment] & left
+    known = (one.constraint for one in task.holds if one.added <= time)
+    own = [one for one in known if one.before.task == task.id]
+    for one in own * len(own):  # each may add what the next one needs
+        found |= before[one.before.moment] & left if one.after.moment & found else 0
+    return found
+
+
+def is_to_be_handled_again(task: Task, time: float) -> bool:
+    """Whether it was retried and not handled since, or its last handler left before it returned."""
+    begun = bisect_right(task.handlings, time, key=_START)
+    if not begun:
+        return True
+    last = task.handlings[begun - 1]
+    is_cut_off = last.outcome is None and last.end is not None and last.end <= time
+    return is_cut_off or task.was_retried(time)
 
 
 # --- all waits of one record -----------------------------------------------------------------------------------------
@@ -116,7 +247,7 @@ def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
     return lasting(wait, kind, Node(wait.awaited, int(wait.moment or 0)), ENDS)
 
 
-def _subtasks(run: Run, task: Task, moment: int, window: Span = ALWAYS, *, together: bool = False) -> Iterator[Wait]:
+def _subtasks(run: Run, task: Task, moment: int, window: Span = _ALWAYS, *, together: bool = False) -> Iterator[Wait]:
     """The waits for tasks right under a task, which keep it from being planned or achieved, as far as they lie between
     two times. *together*: of those that begin at one time, only the first ones, of which the last stands for the rest.
     """
@@ -183,7 +314,7 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
     found += [_of_suspension(task, suspension) for suspension in task.suspensions]
     again: dict[object, Wait] = {}  # retried twice before it is handled, it waits once
     for retry in reversed(task.retries):
-        for wait in of_retry(run, task, retry, killed, kept_by):
+        for wait in _of_retry(run, task, retry, killed):
             again[wait.on, wait.end] = wait
     found += again.values()
     if task.caught_by or task.is_recovering or task.changes:
@@ -225,7 +356,7 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
 def _of_suspension(task: Task, suspension: Suspension) -> Wait:
     """The wait of a suspended task: it neither begins an interval nor is handled once more."""
     start = suspension.start
-    holds = NO_LATER[task.message_class.is_goal][START_ACHIEVING] & ~past(task, start)
+    holds = _NO_LATER[task.message_class.is_goal][START_ACHIEVING] & ~past(task, start)
     if not holds and is_to_be_handled_again(task, start):
         holds = ENDS
     return lasting(suspension, WaitKind.RESUME, Node(suspension.cause), holds)
@@ -249,6 +380,60 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
             for wait in deciding.within(since, over):
                 start, end = max(since, wait.start), min(over, wait.end)
                 yield wait._replace(start=start, end=end)
+
+
+# --- what is to be handled again -------------------------------------------------------------------------------------
+
+
+def _of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wait]:
+    """The waits of a task that is to be handled again, unless it is killed, for all tasks under it to end: then it is
+    queued, or handled.
+    """
+    if task.time_of(START_HANDLING) >= retry.time:
+        return
+    begun = _begun(task, retry)
+    is_over = min(begun, killed)
+    asker = decider(run, retry.asker)
+    if asker is not None:
+        end, on = min(asker.time_of(END_ACHIEVING), is_over), Node(asker.id, END_ACHIEVING)
+        yield Wait(retry.time, end, WaitKind.RECOVERY, on, ENDS)
+    still = children_within(run, task, END_ACHIEVING, retry.time, begun)
+    children = [run.tasks[number] for number in still]
+    if task.message_class.is_monitor:
+        children = _before_it_begins(task, retry, children, asker)
+    awaited = [TaskId(child.id) for child in children if not child.outlives_retry]
+    for child in kept_by(run, awaited, END_ACHIEVING, retry.time):
+        if child is not asker:
+            start, on = max(retry.time, child.received), Node(child.id, END_ACHIEVING)
+            end = min(child.time_of(END_ACHIEVING), is_over)
+            yield Wait(start, end, WaitKind.SUBTASK, on, ENDS)
+
+
+def _begun(task: Task, retry: Retry) -> float:
+    """When a retried task was queued or handled, or else ended."""
+    queued = bisect_left(task.queueings, retry.time, key=_START)
+    starts = [one.start for one in task.handlings[retry.runs : retry.runs + 1]]
+    starts += [one.start for one in task.queueings[queued : queued + 1]]
+    return min(starts, default=task.time_of(END_ACHIEVING))
+
+
+def _before_it_begins(monitor: Task, retry: Retry, children: list[Task], asker: Task | None) -> list[Task]:
+    """The tasks under a retried monitor until it begins anew. That is in no journal: it begins when nothing is under it
+    any more, whoever asked has ended, and it is not suspended.
+    """
+    begins, found = retry.time, list[Task]()
+    if asker is not None:
+        begins = max(begins, asker.time_of(END_ACHIEVING))
+    for child in children:
+        for suspension in monitor.suspensions:
+            if suspension.start <= begins:
+                begins = max(begins, suspension.until)
+        if child.received >= begins and bisect_left(monitor.children, child.id) >= retry.sent:
+            break
+        if not child.outlives_retry:
+            begins = max(begins, child.time_of(END_ACHIEVING))
+        found.append(child)
+    return found
 
 
 # --- as people are told ----------------------------------------------------------------------------------------------

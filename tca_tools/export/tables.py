@@ -11,10 +11,8 @@ from itertools import chain, pairwise
 from math import inf
 from typing import Any, BinaryIO
 
-from tca_tools.explain.wait import Wait
-from tca_tools.explain.waits import of_handler_wait, waits_of
-from tca_tools.journal.failures import all_failures
-from tca_tools.journal.fates import fate, has_coped, went_on
+from tca_tools.explain.waits import Wait, of_handler_wait, waits_of
+from tca_tools.journal.fates import all_failures, fate, has_coped, went_on
 from tca_tools.journal.records import HandlerWait, Handling, Queueing
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import MOMENTS, describe_moments

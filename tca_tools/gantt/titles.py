@@ -1,8 +1,7 @@
 """The titles of bars: which message, where, when, for how long. Pure."""
 
-from tca_tools.explain.wait import Wait
 from tca_tools.explain.wait_words import told
-from tca_tools.explain.waits import of_handler_wait
+from tca_tools.explain.waits import Wait, of_handler_wait
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fates import failing, told_to
 from tca_tools.journal.records import Claim, Failure, HandlerWait, Handling, LifeChange, Queueing, Raised, Task

@@ -188,18 +188,8 @@ def gains(run: Run) -> list[tuple[str, int, Gain, Counter[WhyNotEarly]]]:
     for task, record in coordinators(run):
         machines.setdefault(record.chart.name, []).append(gain(run, task, record))
         late.setdefault(record.chart.name, Counter()).update(record.late())
-    return [(machine, len(some), _sum(some), late[machine]) for machine, some in machines.items()]
-
-
-def _sum(some: list[Gain]) -> Gain:
-    return Gain(
-        sum(one.right for one in some),
-        sum(one.wrong for one in some),
-        sum(one.kept for one in some),
-        sum(one.wasted for one in some),
-        sum(one.restored for one in some),
-        sum(one.seconds for one in some),
-    )
+    sums = {machine: Gain._make(map(sum, zip(*some, strict=True))) for machine, some in machines.items()}
+    return [(machine, len(some), sums[machine], late[machine]) for machine, some in machines.items()]
 
 
 def gain(run: Run, coordinator: Task, record: CoordinatorRecord) -> Gain:

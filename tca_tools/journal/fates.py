@@ -1,4 +1,4 @@
-"""The fate of a failure, and whether the run went on after it. All tools ask here.
+"""The failures of a run, the fate of each, and whether the run went on after it. All tools ask here.
 
 A task's failure is followed through the task's states. Of a query that fails the sender is told; what he makes of it,
 the facts show: his handler ends well, or fails too, and then it depends on what became of that. A program outside of
@@ -9,15 +9,17 @@ with it. Pure; each step is O(log) of what happened to one message.
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from enum import StrEnum
+from itertools import pairwise
 from math import inf
 from operator import attrgetter, itemgetter
+from typing import NamedTuple
 
-from tca_tools.journal.records import DONE, OVER, Handling, Message, Task, TaskState
+from tca_tools.journal.records import DONE, NO_FAILURE, OVER, Failure, Handling, Message, Task, TaskState
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import Moment
-from tca_wire.vocabulary import Outcome, Role
+from tca_wire.vocabulary import CENTRAL, Outcome, Role
 
-_SINCE, _START = itemgetter(0), attrgetter("start")
+_SINCE, _START, _TIME = itemgetter(0), attrgetter("start"), attrgetter("time")
 UNDECIDED = (TaskState.RECOVERING, TaskState.ENDING, TaskState.FAILED)
 """States in which a failure leaves its task first; what comes after them decides."""
 
@@ -232,7 +234,7 @@ def _why_untold(run: Run, failed: Failing, time: float) -> str:
 
 def _stopped_watching(run: Run, monitor: Task, asked: float, time: float) -> bool:
     """Whether a monitor had ended, or begun anew, when a condition that it had asked failed: it does not fail, too."""
-    failed = {when for when, failure in monitor.became("failure") if failure}
+    failed = {when for when, _ in monitor.failures}
     failed.update(one.time for one in run.raised.get(monitor.id, ()))  # with the same text, too
     if time in failed:
         return False
@@ -291,3 +293,45 @@ def _was_begun_again(task: Task, time: float, end: float) -> bool:
     again = task.retries[bisect_right(task.retries, time, key=_SINCE) :][:1]
     runs = task.handlings[bisect_left(task.handlings, time, key=_START) :][:1]
     return any(when <= end for when in (*(one[0] for one in again), *(run.start for run in runs)))
+
+
+# --- all failures of a run --------------------------------------------------------------------------------------------
+
+
+class Failed(NamedTuple):
+    """A message failed."""
+
+    message: Message
+    time: float
+    failure: Failure
+    until: float
+    """When it failed again, or was begun anew (inf: neither)."""
+    is_begun_anew: bool
+    handling: Handling | None
+    """The run of its handler that failed with it; None: it was raised beside that."""
+    by: str
+    """The module that raised it, or "central"; "" if the journal does not tell."""
+    asker: Handling | None
+    """The run of a handler that raised it."""
+
+
+def all_failures(run: Run) -> list[Failed]:
+    """Those of all messages, oldest first."""
+    return sorted((one for message in run.messages.values() for one in failures_of(run, message)), key=_TIME)
+
+
+def failures_of(run: Run, message: Message) -> Iterator[Failed]:
+    """Those of one message, oldest first."""
+    if not message.changes:
+        return
+    had = message.became("failure")
+    failed = {one.end: one for one in message.handlings if one.outcome is Outcome.FAILED}
+    raised = {(one.time, one.failure): one for one in run.raised.get(message.id, ())}
+    for (time, failure), (until, after) in pairwise([*had, (inf, NO_FAILURE)]):
+        if not failure:
+            continue
+        handling, beside = failed.get(time), raised.get((time, failure))
+        by, asker = (beside.by, beside.asker) if beside else (CENTRAL, None)
+        if handling and not beside and not handling.is_lost:
+            by, asker = handling.module, handling
+        yield Failed(message, time, failure, until, until < inf and not after, handling, by, asker)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from math import inf, nextafter
 from sys import intern
 
-from tca_tools.journal.fold_reactions import ReactionFold
+from tca_tools.journal.fold_records import RecordFold
 from tca_tools.journal.journals import Log
 from tca_tools.journal.records import (
     PLACES_OF,
@@ -29,8 +29,9 @@ from tca_tools.journal.records import (
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
+from tca_wire.journal.fact import MonitorFact, TaskFact
 from tca_wire.journal.takers import takers
-from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, MOMENTS, Moment
+from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, MOMENTS, ROOT, Moment
 from tca_wire.text.facts_in_words import called
 from tca_wire.vocabulary import Dropping, Outcome, Role
 from tca_wire.waits import WaitKind
@@ -55,7 +56,7 @@ def no_garbage() -> Iterator[None]:
             gc.enable()
 
 
-class History(ReactionFold):
+class History(RecordFold):
     """The history of a run until ``time``; ``apply`` is the only way it changes."""
 
     def __init__(self) -> None:
@@ -100,7 +101,8 @@ class History(ReactionFold):
         self.asker = self._deliveries.get(request.origin) if request and request.origin else None
         self._tick(entry, self.asker or (request.module if request else ""))
         for fact in entry.facts:
-            if take := _TAKE.get(type(fact)):
+            take = _TAKE.get(type(fact))
+            if take and not _is_of_root(fact):
                 take(self, fact)
         for task in self._touched.values():
             if task.enter(task.state, self.time):
@@ -315,8 +317,6 @@ class History(ReactionFold):
             self._stop_waiting(wait)
 
     def _reach(self, fact: facts.Reached) -> None:
-        if fact.task <= 0:
-            return
         task = self._task(fact.task)
         times = task.times
         for place in PLACES_OF[fact.moments & ALL_MOMENTS]:
@@ -347,14 +347,13 @@ class History(ReactionFold):
                 self._change(message, "failure_data", before[1])
 
     def _kill(self, fact: facts.Killed) -> None:
-        if fact.task > 0:
-            task = self._task(fact.task)
-            self._change(task, "killed", fact.why)
-            self._change(task, "killed_by", fact.by)
-            task.killer, task.killed_for = self._run_of(fact.origin, fact.by), fact.failed
-            self._could_not_decide(fact.task)
-            self._end_suspension(task)
-            self._unqueue(fact.task)
+        task = self._task(fact.task)
+        self._change(task, "killed", fact.why)
+        self._change(task, "killed_by", fact.by)
+        task.killer, task.killed_for = self._run_of(fact.origin, fact.by), fact.failed
+        self._could_not_decide(fact.task)
+        self._end_suspension(task)
+        self._unqueue(fact.task)
 
     def _drop(self, fact: facts.Dropped) -> None:
         self._unqueue(fact.id)
@@ -435,7 +434,14 @@ class History(ReactionFold):
             self._touch(wait.by.message_id if isinstance(wait.by, Handling) else 0)
 
 
-_TAKE = takers(History, ReactionFold)
+_TAKE = takers(History, RecordFold)
+
+
+def _is_of_root(fact: facts.Fact) -> bool:
+    """Whether it says that something happened to the root: no central writes that."""
+    if isinstance(fact, TaskFact):
+        return fact.task <= ROOT
+    return isinstance(fact, MonitorFact) and fact.monitor <= ROOT
 
 
 def folded(journal: Log, time: float | None = None, entries: Iterable[facts.Entry] | None = None) -> History:

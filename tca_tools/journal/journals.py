@@ -12,11 +12,10 @@ from typing import NamedTuple
 import click
 
 from tca_tools.errors import DamagedLog, UnusableLog
-from tca_tools.journal.losses import Losses
 from tca_tools.journal.segments import Folder, listed, segments_in
 from tca_wire.endpoint import VARIABLE, by_number, default_journals, journal_link
 from tca_wire.errors import JournalDamaged
-from tca_wire.journal.facts import Closed, Entry, Opened, Shortened
+from tca_wire.journal.facts import JOURNAL_VERSION, Closed, Entry, Opened, Shortened
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
 from tca_wire.text.printable import printable
 
@@ -26,6 +25,7 @@ _LAST_BYTES = 1 << 16
 _STILL = 1.0
 """Seconds: what is not whole for so long nobody is writing any more."""
 _WAITING = "'tca view' and 'tca log show --follow' wait for what comes"
+_SINCE = "what seems to go on since then may have ended"
 
 
 def newest_journal() -> Path:
@@ -92,6 +92,68 @@ def run_folders() -> Iterator[Path]:
     for path in reversed(by_number(listed(folder) if folder.is_dir() else [])):
         if path.is_dir() and segments_in(path):
             yield path
+
+
+class Losses:
+    """The losses, counted: damaged entries, facts that this version does not know, the ends of segments."""
+
+    def __init__(self) -> None:
+        self.entries = 0
+        """Damaged ones; where not all can be told apart, there were more."""
+        self.facts = 0
+        """Those that this version does not know, or that are none."""
+        self.ends: list[str] = []
+        """Why no more could be read of a segment, where others follow."""
+        self._is_counted = True
+        self._first_entry = self._first_fact = ""
+        """Where the first of them stands, and after what time."""
+        self._later = ""
+        """The first segment of a later version, and which."""
+
+    def note(self, reader: JournalReader, segment: Path, holes: int, unknown: int, time: float) -> None:
+        """A reader has passed over more than so many *holes* and *unknown* facts, behind what was written at *time*."""
+        if new := reader.holes[holes:]:
+            self.entries += len(new)
+            self._is_counted = self._is_counted and reader.is_counted
+            self._first_entry = self._first_entry or f"{segment}, byte {new[0]}, after {time:.3f} s"
+        if reader.unknown > unknown:
+            self.facts += reader.unknown - unknown
+            self._first_fact = self._first_fact or f"{segment}, byte {reader.offset}, after {time:.3f} s"
+
+    def note_version(self, reader: JournalReader, segment: Path) -> None:
+        """A segment begins."""
+        if reader.version > JOURNAL_VERSION and not self._later:
+            which = f"{reader.version}; this one reads up to {JOURNAL_VERSION}"
+            self._later = (
+                f"{segment}: written by a later version ({which}), in which more may have happened: upgrade tca"
+            )
+
+    @property
+    def places(self) -> int:
+        """How often something was lost behind which nothing is sure."""
+        return self.entries + len(self.ends)
+
+    @property
+    def lines(self) -> list[str]:
+        """All of it in words."""
+        found = [self._later, self._of_entries(), self._of_facts()]
+        return [*filter(None, found), *(f"{end}; what comes behind it in that file is left out" for end in self.ends)]
+
+    def _of_entries(self) -> str:
+        if not self.entries:
+            return ""
+        most = "" if self._is_counted else "at least "
+        what = "a damaged entry is" if self.entries == 1 else f"{most}{self.entries} damaged entries are"
+        if not self._is_counted and self.entries == 1:
+            what = "at least one entry, damaged or missing, is"
+        return f"{self._first_entry}: {what} left out{', the first of them here' * (self.entries > 1)}: {_SINCE}"
+
+    def _of_facts(self) -> str:
+        if not self.facts:
+            return ""
+        what = "a fact that this version does not know is" if self.facts == 1 else f"{self.facts} facts are"
+        first = ", the first of them here, that this version does not know" * (self.facts > 1)
+        return f"{self._first_fact}: {what} left out{first}: {_SINCE}"
 
 
 class EntryPlace(NamedTuple):

@@ -24,7 +24,7 @@ from tca_tools.journal.records import (
     Task,
 )
 from tca_wire.journal import facts
-from tca_wire.points import ROOT, TaskId
+from tca_wire.points import TaskId
 from tca_wire.text.facts_in_words import called
 
 UNKNOWN = "?"
@@ -119,10 +119,6 @@ class Run(Reactions):
         """Those of tasks that were suspended themselves."""
         for task in self.tasks.values():
             yield from (one for one in task.suspensions if one.cause == task.id)
-
-    def children(self, task: int) -> Sequence[TaskId]:
-        """The tasks right under *task*, oldest first."""
-        return self.top if task == ROOT else self.tasks[task].children
 
     def under(self, task: Task) -> Iterator[Task]:
         """A task, and all that is under it."""

@@ -13,8 +13,7 @@ from tca_tools.output import show_text
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.files import KINDS, LAYOUTS, write_picture
 from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, excerpt, outline, whole_outline
-from tca_tools.tasktree_viz.text import ASCII, UNICODE, tree_lines
-from tca_tools.tasktree_viz.told import story_lines
+from tca_tools.tasktree_viz.text import ASCII, UNICODE, story_lines, tree_lines
 from tca_tools.terminal import can_show, cut, line_width
 from tca_wire.text.printable import printable
 

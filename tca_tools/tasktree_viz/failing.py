@@ -2,19 +2,28 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import inf
+from math import inf, nextafter
 from typing import NamedTuple
 
 from tca_tools.explain.deciding import called_for, calls, decider, retried
+from tca_tools.explain.graph import Ends
 from tca_tools.explain.story import NOT_HANDLED
-from tca_tools.journal.at_time import RunAt
+from tca_tools.explain.wait_words import age_of, how, in_the_end, shown, told_now
+from tca_tools.explain.waits import killed_at
+from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.fates import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
-from tca_tools.journal.records import DONE, OVER, Message, Task
+from tca_tools.journal.records import DONE, OVER, Failure, Message, Task
 from tca_tools.journal.whole_run import Run
-from tca_tools.tasktree_viz.out_of_time import out_of_time
+from tca_wire.messages.failures import TIMEOUT
 from tca_wire.points import Moment, TaskId
+from tca_wire.text.facts_in_words import by_whom, place
+from tca_wire.text.measures import duration
+from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.vocabulary import Outcome
+from tca_wire.waits import NAMED, WaitKind
 
+_FAR = 500
+"""Waits: what a task that ran out of time waited for beyond so many is not looked for."""
 _MOST_LINKS = 30
 """A failure goes through so many tasks at most before nobody reads on."""
 
@@ -36,7 +45,7 @@ def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
     found: list[tuple[float, _Place, Link]] = []
     waiting = [_FailureCause(task, (), moment, moment)]
     seen = {task.id}
-    killed = _killed(task)
+    killed = killed_at(task)
     if not task.failures and killed <= moment:
         link = _with_why(killed, 0, f"{task} was killed", task.why_killed or "")
         found.append((killed, (_END, 0), link))
@@ -85,15 +94,11 @@ def _order(found: tuple[float, _Place, Link]) -> tuple[float, int, _Place]:
     return time, (_MOST_LINKS**2 + above) if step == _END else 0, place
 
 
-def _killed(task: Task) -> float:
-    return inf if task.killed is None else task.written("killed")
-
-
 def _steps_of(run: Run, cause: _FailureCause) -> Iterator[tuple[_Place, Link]]:
     message, place, until, known = cause
     depth = len(place) // 2
     for time, failure in [one for one in message.failures if one[0] <= until]:
-        for since, is_others, led_to_it in out_of_time(run, message, time, failure):
+        for since, is_others, led_to_it in _out_of_time(run, message, time, failure):
             yield (_ITSELF, 0), Link(since, depth + is_others, led_to_it)
         yield (_ITSELF, 0), _with_why(time, depth, f"{message} failed", failure)
     if isinstance(message, Task):
@@ -188,7 +193,7 @@ def _decided(task: Task, failed: float) -> float:
     places = range(task.place_at(failed), len(task.stages))
     states = [time for time, state in map(task.stage, places) if state not in UNDECIDED]
     decided = [time for time in states if time > failed]
-    return min([*decided[:1], _killed(task), task.time_of(Moment.END_ACHIEVING)])
+    return min([*decided[:1], killed_at(task), task.time_of(Moment.END_ACHIEVING)])
 
 
 def _is_named(run: Run, cause: Message, until: float, failed: Message) -> bool:
@@ -209,3 +214,41 @@ def _culprits(run: Run, task: Task) -> list[Task]:
     if handler is not None:
         failed = called_for(run, handler)
     return [failed] if failed is not task and failed.failures else []
+
+
+# --- passed deadlines: the things waited for, their holders, and the time spent suspended -----------------------------
+
+
+def _out_of_time(run: Run, message: Message, failed: float, failure: Failure) -> Iterator[tuple[float, bool, str]]:
+    """The causes of a passed deadline: since when, whether of something else, and in words; empty if unknown."""
+    deadlines = [one.set_at for one in run.ahead.get(message.id, ()) if one.moment is not None]
+    at = RunAt(run, nextafter(failed, 0.0))
+    task = at.tasks.get(TaskId(message.id))
+    if not deadlines or failure.name != TIMEOUT or task is None or task.watches:
+        return
+    for one in run.tasks[task.id].suspensions[-NAMED:]:
+        if one.start >= deadlines[0] and one.end is not None and one.end < failed:
+            how_long = duration(one.end - one.start)
+            yield one.start, False, f"{task} was suspended{by_whom(one.by)}, for {how_long}"
+    if age := age_of(waits := shown(at, task)):
+        end, told = in_the_end(at, task, _FAR), several_in_words(told_now(at, task, waits))
+        how_long = f", for {duration(failed - age.since)}" + (f"; in the end {end}" if end else "")
+        yield age.since, False, f"{task} {how(task, verb='waited')} {told}{how_long}"
+    yield from _had_by(at, task, failed)
+
+
+def _had_by(at: RunAt, task: TaskAt, failed: float) -> Iterator[tuple[float, bool, str]]:
+    """The handlers and lock holders of whatever the task waited for in the end when its time ran out."""
+    ends = Ends.at(at).of(task.id, _FAR)
+    for number in [end.number for end in ends if end.kind is WaitKind.RUNNING or end.number in at.run.claims][:NAMED]:
+        claim, message = at.run.claims.get(number), at.run.messages.get(number)
+        if claim is not None and claim.granted is not None and at.is_granted(claim):
+            since, what = claim.granted, f"{claim.sender} had the {claim}"
+        elif message is None or message.message_class.asks_many:
+            continue
+        elif (run := at.handling_of(message)) is not None:
+            since, what = run.start, f"{message} was being handled by {place(run.module, run.resource)}"
+        else:
+            continue
+        how_long = duration(failed - since)
+        yield since, number != task.id, f"{what}, for {how_long} when time ran out"

@@ -8,8 +8,7 @@ from itertools import groupby
 from operator import attrgetter
 from typing import Any
 
-from tca_tools.explain.ends import Cause, causes
-from tca_tools.explain.graph import held_above
+from tca_tools.explain.graph import Cause, causes, held_above
 from tca_tools.explain.story import NOT_HANDLED, Sentence, story
 from tca_tools.explain.wait_words import age_of, coming, how, last_of, shown, told_now
 from tca_tools.journal.at_time import RunAt, TaskAt

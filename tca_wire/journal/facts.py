@@ -12,8 +12,7 @@ import msgspec
 
 from tca_wire.constraints import Constraint
 from tca_wire.journal.causes import Cause
-from tca_wire.journal.fact import BaseFact
-from tca_wire.journal.failure_facts import *  # noqa: F403 - they are facts as these
+from tca_wire.journal.fact import BaseFact, MonitorFact, NumberedFact, TaskFact
 from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.vocabulary import CENTRAL, Condition, Dropping, MessageClass, Outcome, Party, Refusal, Role, Scope
 from tca_wire.waits import WaitKind
@@ -178,14 +177,13 @@ class Ignored(BaseFact, frozen=True, tag="ignored"):
 # --- messages on their way --------------------------------------------------------------------------------------------
 
 
-class Received(BaseFact, frozen=True, tag="received"):
+class Received(NumberedFact, frozen=True, tag="received"):
     """Central accepted a message; for a goal or command this is the birth of a task under *parent*.
 
     *origin* is the delivery that the sender was handling when it sent (0: none); *blocking* says that the sender does
     nothing until the answer comes, or until it gives up.
     """
 
-    id: int
     message: str
     message_class: MessageClass
     sender: str
@@ -199,28 +197,24 @@ class Received(BaseFact, frozen=True, tag="received"):
     """Of central's own messages: the failing, tapped, killed or monitoring task."""
 
 
-class Queued(BaseFact, frozen=True, tag="queued"):
+class Queued(NumberedFact, frozen=True, tag="queued"):
     """A delivery of message *message_id* waits: for a resource that is busy, or for a handler (module, resource "")."""
 
-    id: int
     message_id: int
     module: str
     resource: str
     priority: int = 0
 
 
-class Unqueued(BaseFact, frozen=True, tag="unqueued"):
+class Unqueued(NumberedFact, frozen=True, tag="unqueued"):
     """A delivery waits no longer and nobody was given it: its task is held again, suspended or killed, its sender
     gave up, or the handler that had it left.
     """
 
-    id: int
 
-
-class Delivered(BaseFact, frozen=True, tag="delivered"):
+class Delivered(NumberedFact, frozen=True, tag="delivered"):
     """A delivery of message *message_id* was sent to a handler."""
 
-    id: int
     message_id: int
     module: str
     resource: str
@@ -233,29 +227,25 @@ class Delivered(BaseFact, frozen=True, tag="delivered"):
     """When its handler began, on the clock of the entries, if that was earlier: the slot had the message already."""
 
 
-class Returned(BaseFact, frozen=True, tag="returned"):
+class Returned(NumberedFact, frozen=True, tag="returned"):
     """The handler of a delivery ended; the body is its reply or result, or the data of its failure."""
 
-    id: int
     outcome: Outcome
     body: bytes
     ended: float = 0
     """When that was, on the clock of the entries, if it was earlier: its slot tells of several together."""
 
 
-class Answered(BaseFact, frozen=True, tag="answered"):
+class Answered(NumberedFact, frozen=True, tag="answered"):
     """The sender of a message got its (last) answer."""
 
-    id: int
 
-
-class Dropped(BaseFact, frozen=True, tag="dropped"):
+class Dropped(NumberedFact, frozen=True, tag="dropped"):
     """A message came to nothing, or only what one receiver was to get: a copy of message *copy_of*.
 
     *why* is for people; *where* says, of a query whose sender gave up, where it was then.
     """
 
-    id: int
     message: str
     why: str
     copy_of: int = 0
@@ -307,19 +297,17 @@ class TimedOut(BaseFact, frozen=True, tag="timed out"):
     constraint: Constraint
 
 
-class Reached(BaseFact, frozen=True, tag="reached"):
+class Reached(TaskFact, frozen=True, tag="reached"):
     """A task reached moments (a bit mask, see points.Moment)."""
 
-    task: TaskId
     moments: int
 
 
-class Killed(BaseFact, frozen=True, tag="killed"):
+class Killed(TaskFact, frozen=True, tag="killed"):
     """A task was killed. It ends when its handler, if one runs, has returned. *by* is, here and below, the module that
     asked for it, or "central".
     """
 
-    task: TaskId
     why: str
     by: str = CENTRAL
     origin: int = 0
@@ -328,10 +316,9 @@ class Killed(BaseFact, frozen=True, tag="killed"):
     """The task for whose failure central killed it, since nobody handled that (0: it has another reason)."""
 
 
-class KillPlanned(BaseFact, frozen=True, tag="to be killed"):
+class KillPlanned(TaskFact, frozen=True, tag="to be killed"):
     """A task is to be killed, or what *scope* says, when *after* is reached (None: now) and so many seconds more."""
 
-    task: TaskId
     scope: Scope
     after: Point | None
     seconds: float
@@ -339,36 +326,32 @@ class KillPlanned(BaseFact, frozen=True, tag="to be killed"):
     by: str
 
 
-class SendPlanned(BaseFact, frozen=True, tag="to be sent"):
+class SendPlanned(TaskFact, frozen=True, tag="to be sent"):
     """A message is to be sent when a task is killed that has been started: to leave things safe."""
 
-    task: TaskId
     message: str
     body: bytes
 
 
-class DeadlineSet(BaseFact, frozen=True, tag="deadline"):
+class DeadlineSet(TaskFact, frozen=True, tag="deadline"):
     """If a task does not reach a moment within so many seconds from now, the failure "timeout" is raised on it."""
 
-    task: TaskId
     moment: int
     seconds: float
 
 
-class SuspendedOrResumed(BaseFact, frozen=True, tag="suspended"):
+class SuspendedOrResumed(TaskFact, frozen=True, tag="suspended"):
     """A task was suspended or resumed, with all that is under it."""
 
-    task: TaskId
     is_suspended: bool
     by: str = CENTRAL
 
 
-class StateChanged(BaseFact, frozen=True, tag="state"):
+class StateChanged(TaskFact, frozen=True, tag="state"):
     """A transition of a task's life cycle that no other fact tells of. Others do of its delivery to a handler, which
     accepts it thereby unless ``HandlerAdded.accepts``, of a retry, and of its end.
     """
 
-    task: TaskId
     transition: str
     state: str
     serial: int
@@ -381,27 +364,23 @@ class StateChanged(BaseFact, frozen=True, tag="state"):
     """The goal that a client asks for, the other one that its server takes over, or an intermediate result."""
 
 
-class Kept(BaseFact, frozen=True, tag="kept"):
+class Kept(TaskFact, frozen=True, tag="kept"):
     """A module keeps a task: its data, outcome and place are remembered after its end."""
 
-    task: TaskId
     module: str
 
 
-class Released(BaseFact, frozen=True, tag="released"):
+class Released(TaskFact, frozen=True, tag="released"):
     """A module keeps a task no longer; or ("") its record is gone, for all."""
 
-    task: TaskId
     module: str
 
 
 # --- waits and locks --------------------------------------------------------------------------------------------------
 
 
-class Awaited(BaseFact, frozen=True, tag="awaited"):
+class Awaited(NumberedFact, frozen=True, tag="awaited"):
     """The sender of a query or multi-query, which had gone on, waits for its answer from now on."""
-
-    id: int
 
 
 class _WaitFact(BaseFact, frozen=True):
@@ -426,10 +405,9 @@ class WaitEnded(_WaitFact, frozen=True, tag="wait ended"):
     """Such a wait ended. Of what moment it was is not said."""
 
 
-class Claimed(BaseFact, frozen=True, tag="claimed"):
+class Claimed(NumberedFact, frozen=True, tag="claimed"):
     """A module waits to lock a resource, or (*is_reserved*) to reserve it, in delivery *origin* (0: in none)."""
 
-    id: int
     module: str
     resource: str
     is_reserved: bool
@@ -437,28 +415,109 @@ class Claimed(BaseFact, frozen=True, tag="claimed"):
     origin: int
 
 
-class Granted(BaseFact, frozen=True, tag="granted"):
+class Granted(NumberedFact, frozen=True, tag="granted"):
     """A resource is locked, or reserved, from now on."""
 
-    id: int
 
-
-class ClaimEnded(BaseFact, frozen=True, tag="claim ended"):
+class ClaimEnded(NumberedFact, frozen=True, tag="claim ended"):
     """A resource is not locked or reserved any more, or is no longer waited for to be."""
 
-    id: int
     why: str
+
+
+# --- failures and exception handlers ----------------------------------------------------------------------------------
+
+
+class Failed(NumberedFact, frozen=True, tag="failed"):
+    """A failure was raised on a task or message, or on what one receiver got: a copy of message *copy_of*.
+
+    Of a module that was lost no handler returns: this ends its part. A failure that is raised *beside* the handler
+    changes nothing for the one that has the task. Of that one *by* is the module that raised it, or "central", and
+    *body* the failure's data; else the handler raised it, and they are "" and empty.
+    """
+
+    failure: str
+    text: str
+    is_beside: bool = False
+    by: str = ""
+    body: bytes = b""
+    copy_of: int = 0
+
+
+class Attached(NumberedFact, frozen=True, tag="attached"):
+    """Exception handler *handler* takes care of a failure ("": any) of a task, or of all tasks of a message."""
+
+    failure: str
+    handler: str
+    task: TaskId
+    message: str
+    maximum: int
+
+
+class Removed(NumberedFact, frozen=True, tag="removed"):
+    """An exception handler or wiretap was taken away."""
+
+    by: str
+
+
+class Caught(TaskFact, frozen=True, tag="caught"):
+    """The failure of a task is handled: task *handler* was made for it, by attachment *attachment* of task *at*."""
+
+    handler: TaskId
+    at: TaskId
+    attachment: int
+    is_beside: bool = False
+    """The failure was raised beside the task's handler: that goes on, or another exception handler decides about it."""
+
+
+class Reissued(BaseFact, frozen=True, tag="reissued"):
+    """An exception handler could not deal with its failure; the search goes on."""
+
+    handler: TaskId
+
+
+class Resolved(BaseFact, frozen=True, tag="resolved"):
+    """An exception handler says that its failure is resolved: that counts if its task ends without a failure."""
+
+    handler: TaskId
+
+
+class NotResolved(BaseFact, frozen=True, tag="not resolved"):
+    """An exception handler's task ended and left its failure as it was; the search goes on."""
+
+    handler: TaskId
+    task: TaskId
+
+
+class Unhandled(TaskFact, frozen=True, tag="unhandled"):
+    """No exception handler was found for the failure of a task: its top-level task is killed, or *undecided*."""
+
+    undecided: TaskId = ROOT
+    """The exception handler that could not decide because of it: it is killed, and the search for the failure that it
+    was called for goes on after it."""
+
+
+class Recovered(TaskFact, frozen=True, tag="recovered"):
+    """The failure of a task has been dealt with, by *handler*; the task counts as handled."""
+
+    handler: TaskId = ROOT
+
+
+class Retried(TaskFact, frozen=True, tag="retried"):
+    """A task will be handled again when all under it has ended, with the body as its data if there is one."""
+
+    body: bytes
+    by: str
 
 
 # --- wiretaps and monitors --------------------------------------------------------------------------------------------
 
 
-class TapAdded(BaseFact, frozen=True, tag="tap"):
+class TapAdded(NumberedFact, frozen=True, tag="tap"):
     """A wiretap: *listener* is sent whenever the condition comes true of a message, or of one task. *by* is the module
     that asked for it first.
     """
 
-    id: int
     condition: Condition
     listener: str
     message: str
@@ -474,31 +533,25 @@ class TapFired(BaseFact, frozen=True, tag="tapped"):
     listener: int
 
 
-class WaitedFor(BaseFact, frozen=True, tag="waited for"):
+class WaitedFor(MonitorFact, frozen=True, tag="waited for"):
     """A polling or demon monitor was sent to be waited for: else it would end at the latest when its parent waits for
     nothing but such monitors.
     """
 
-    monitor: TaskId
 
-
-class OutlivesRetry(BaseFact, frozen=True, tag="spared"):
+class OutlivesRetry(MonitorFact, frozen=True, tag="spared"):
     """Others than the handler of the task above have put a monitor there: a retry of that task spares it."""
 
-    monitor: TaskId
 
-
-class MonitorTested(BaseFact, frozen=True, tag="tested"):
+class MonitorTested(MonitorFact, frozen=True, tag="tested"):
     """The condition of a monitor was asked; whether it holds."""
 
-    monitor: TaskId
     holds: bool
 
 
-class MonitorEnded(BaseFact, frozen=True, tag="monitor ended"):
+class MonitorEnded(MonitorFact, frozen=True, tag="monitor ended"):
     """A monitor watches no longer."""
 
-    monitor: TaskId
     why: str
 
 
@@ -510,8 +563,7 @@ Fact = (
     | Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
     | SuspendedOrResumed | StateChanged | Kept | Released
     | Awaited | WaitBegan | WaitEnded | Claimed | Granted | ClaimEnded
-    | Failed | Attached | Removed | Caught | Reissued | Resolved | NotResolved | Unhandled | Recovered  # noqa: F405
-    | Retried  # noqa: F405
+    | Failed | Attached | Removed | Caught | Reissued | Resolved | NotResolved | Unhandled | Recovered | Retried
     | TapAdded | TapFired | WaitedFor | OutlivesRetry | MonitorTested | MonitorEnded
 )  # fmt: skip
 

@@ -285,8 +285,7 @@ class JournalReader:
 
     def _refuse(self, why: str) -> None:
         at = f", byte {self.offset}" if self.offset else ""
-        msg = f"{self._name}{at}: {why}"
-        raise JournalDamaged(msg)
+        raise JournalDamaged(f"{self._name}{at}: {why}")
 
     # --- facts of other versions -----------------------------------------------------------------------------------
 

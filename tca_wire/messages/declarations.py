@@ -7,14 +7,14 @@ Declared once, in the robot's own ``messages.py``::
     NEXT_STANCE = Query("next stance", Pose, reply=Stance)
 """
 
+import inspect
 from collections.abc import Sequence
-from typing import Any, ClassVar, Generic, TypedDict, TypeVar, Unpack, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypedDict, TypeVar, Unpack, overload
 
 import msgspec
 
 from tca_wire.errors import BadData, BadFormat, CopyableError
 from tca_wire.life_cycles import GENERAL, LifeCycle
-from tca_wire.messages.declaring import Declaring
 from tca_wire.messages.fitting import first_misfit
 from tca_wire.messages.formats import Format
 from tca_wire.packets.parts import MessageFormat
@@ -22,6 +22,38 @@ from tca_wire.vocabulary import Limit, MessageClass, is_name
 
 D = TypeVar("D")
 R = TypeVar("R")
+
+
+class Declaring(type):
+    """The class of declarations: arguments that don't fit are refused in words of the declaration, whichever base has
+    its constructor.
+    """
+
+    @property
+    def __signature__(cls) -> inspect.Signature:
+        """The arguments of the class itself, for ``help``."""
+        signature = inspect.signature(cls.__init__)  # type: ignore[misc]  # of the class itself
+        return signature.replace(parameters=list(signature.parameters.values())[1:])
+
+    # A type checker that saw this method would take every declaration for Any: it reads the classes' own __init__.
+    if not TYPE_CHECKING:
+
+        def __call__(cls, *arguments: Any, **options: Any) -> Any:
+            """Make one. Raises TypeError."""
+            signature = cls.__signature__
+            try:
+                signature.bind_partial(*arguments, **options)  # a wrong name is worse than a missing one
+                signature.bind(*arguments, **options)
+            except TypeError as error:
+                what = str(error).replace(" keyword-only", "")
+                raise TypeError(f"{cls.__name__}(): {what}: write {cls.__name__}{_form(signature)}") from None
+            return super().__call__(*arguments, **options)
+
+
+def _form(signature: inspect.Signature) -> inspect.Signature:
+    """The arguments without their types."""
+    plain = [one.replace(annotation=inspect.Parameter.empty) for one in signature.parameters.values()]
+    return inspect.Signature(plain)
 
 
 def _checked_name(name: str) -> str:

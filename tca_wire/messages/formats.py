@@ -1,13 +1,13 @@
 """Formats of user data: from Python type hints to MessagePack and JSON Schema. Knows nothing of messages."""
 
+import dataclasses
 import json
 from typing import Any, Generic, TypeVar, get_args
 
 import msgspec
 
 from tca_wire.errors import BadData, BadFormat
-from tca_wire.messages.arrays import decode_array, decode_custom, encode_custom
-from tca_wire.messages.losses import first_loss
+from tca_wire.messages.arrays import decode_array, decode_custom, encode_custom, without_content
 from tca_wire.messages.schemas import schema_text
 from tca_wire.vocabulary import Limit
 
@@ -41,8 +41,7 @@ class Format(Generic[T]):
             self.schema = schema_text(kind)
             self._decoder = msgspec.msgpack.Decoder(kind, dec_hook=decode_custom, ext_hook=decode_array)
         except (TypeError, NameError, ValueError) as error:
-            msg = f"{self} can't be a format: {error}"
-            raise BadFormat(msg) from None
+            raise BadFormat(f"{self} can't be a format: {error}") from None
         self._encoder = msgspec.msgpack.Encoder(enc_hook=encode_custom)
         self._certain = kind if kind in _CERTAIN else None
         self._has_fields = '"properties"' in self.schema or '"prefixItems"' in self.schema
@@ -64,7 +63,7 @@ class Format(Generic[T]):
             raise BadData(msg)
         if type(value) is not self._certain:
             read = self.decode(data)  # msgspec checks types only when it decodes
-            if self._has_fields and (loss := first_loss(value, read)):
+            if self._has_fields and (loss := _first_loss(value, read)):
                 raise BadData(f"{self} has no place for `{loss}`: it would be lost")
         return data
 
@@ -172,3 +171,54 @@ def brief(schema: Any) -> str:
     if "$ref" in schema:
         return str(schema["$ref"]).rpartition("/")[2]
     return f"{schema.get('format', '')} {schema.get('type', 'anything')}".strip()
+
+
+# --- data that a format would silently leave out: fields of a subclass, misspelt keys of a dict ----------------------
+
+# A decoder passes over fields that its type does not have. So data to be sent is compared with what a receiver reads.
+
+_encode = msgspec.msgpack.Encoder(enc_hook=without_content).encode
+
+
+def _first_loss(sent: Any, read: Any) -> str:
+    """Find the first part of a value that its receiver would not get.
+
+    Args:
+        sent: the sender's value.
+        read: the same, as the receiver's type reads it.
+
+    Returns:
+        Its place, such as ``$.legs[2].hight``; "" if nothing is lost.
+    """
+    data = _encode(sent)
+    return "" if data == _encode(read) else _loss(msgspec.msgpack.decode(data), read, "$")
+
+
+def _loss(sent: Any, read: Any, path: str) -> str:
+    """The first part of *sent*, plain data, that *read* does not have."""
+    if isinstance(sent, dict):
+        fields = _fields(read)
+        if len(fields) == len(sent):  # keys of another type than text are read as such: compare them in their order
+            fields = dict(zip(sent, fields.values(), strict=True)) if isinstance(read, dict) else fields
+        for key, value in sent.items():
+            if found := _loss(value, fields[key], f"{path}.{key}") if key in fields else f"{path}.{key}":
+                return found
+    elif isinstance(sent, list) and not isinstance(read, set | frozenset):
+        items = read if isinstance(read, list | tuple) else list(_fields(read).values())
+        for place, value in enumerate(sent):
+            where = f"{path}[{place}]"
+            if found := _loss(value, items[place], where) if place < len(items) else where:
+                return found
+    return ""
+
+
+def _fields(read: Any) -> dict[Any, Any]:
+    """The fields that a value has, by the names they travel with."""
+    if isinstance(read, dict):
+        return read
+    if isinstance(read, msgspec.Struct):
+        config = read.__struct_config__
+        tag = {config.tag_field or "type": config.tag} if config.tag is not None else {}
+        return tag | {one.encode_name: getattr(read, one.name) for one in msgspec.structs.fields(read)}
+    fields = dataclasses.fields(read) if dataclasses.is_dataclass(read) else getattr(read, "__attrs_attrs__", ())
+    return {one.name: getattr(read, one.name) for one in fields}

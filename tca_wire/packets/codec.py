@@ -29,8 +29,7 @@ def plain(value: Any) -> float:
         return getattr(value, "on_wire", None) or int(value)
     if isinstance(value, float):
         return float(value)
-    msg = f"Encoding objects of type {type(value).__name__} is unsupported"
-    raise TypeError(msg)
+    raise TypeError(f"Encoding objects of type {type(value).__name__} is unsupported")
 
 
 _encode = msgspec.msgpack.Encoder(enc_hook=plain).encode
@@ -123,8 +122,7 @@ def unpacker(
             try:
                 header = decode(packet[begin:header_end])
             except _BAD_BYTES as error:
-                msg = f"a header is {what_it_is_not}: {error}"
-                raise ProtocolError(msg) from None
+                raise ProtocolError(f"a header is {what_it_is_not}: {error}") from None
             if header_length > _SHORT and (parts := parts + parts_in(header)) > most_parts:
                 msg = f"the lists in the headers of a packet have more than {most_parts} entries; send several packets"
                 raise ProtocolError(msg)

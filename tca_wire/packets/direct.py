@@ -4,17 +4,12 @@ The sender connects to a slot's entrance (routes.py), greets with its key, and n
 made as those to and from central are (codec.py).
 """
 
-import msgspec
-
 from tca_wire.packets.codec import unpacker
 from tca_wire.packets.headers import Answer, Closing, GiveUp, Refused, Unknown
+from tca_wire.packets.parts import Numbered, WireArray
 
 
-class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """The base of all headers: an array on the wire, whose first element is the kind."""
-
-
-class Greet(_Header, frozen=True, tag=96):
+class Greet(WireArray, frozen=True, tag=96):
     """First message of a sender, and again when it doubts that its messages have arrived. Answered by Greeting."""
 
     version: int
@@ -28,16 +23,15 @@ class Greet(_Header, frozen=True, tag=96):
     """It was never answered a Greet in this session."""
 
 
-class Direct(_Header, frozen=True, tag=97):
+class Direct(Numbered, frozen=True, tag=97):
     """Handle this message; the body is its data. A query is answered by Answer or Refused, an inform by nothing."""
 
-    number: int
     message: str
     origin: int = 0
     """The delivery that the sender is handling (0: none)."""
 
 
-class Greeting(_Header, frozen=True, tag=98):
+class Greeting(WireArray, frozen=True, tag=98):
     """Of the sender's numbers up to *newest*, *missing* ones never arrived; *open* ones are queries that will be
     answered. Answers to any others were given, or are forgotten.
     """
@@ -47,10 +41,8 @@ class Greeting(_Header, frozen=True, tag=98):
     open: list[int] = []
 
 
-class Begun(_Header, frozen=True, tag=99):
+class Begun(Numbered, frozen=True, tag=99):
     """All messages up to this number have been begun with; before Closing: or are counted as lost."""
-
-    number: int
 
 
 ToEntrance = Greet | Direct | GiveUp

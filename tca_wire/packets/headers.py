@@ -10,8 +10,6 @@ of request 7.
 
 from typing import Annotated, Literal
 
-import msgspec
-
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.packets.changes import ChangeState, Observe, Requested
 from tca_wire.packets.parts import (
@@ -20,10 +18,14 @@ from tca_wire.packets.parts import (
     EndedRun,
     HandlerFormat,
     MessageFormat,
+    Numbered,
+    OfDelivery,
+    OfTask,
     Tapped,
     Trouble,
     Watching,
     WatchOptions,
+    WireArray,
 )
 from tca_wire.packets.routes import Barred, Entrance, EntranceGone, Noted, Route, WatchEntrance
 from tca_wire.points import Point, TaskId
@@ -33,19 +35,14 @@ PROTOCOL_VERSION = 7
 """Goes up whenever a header changes: who speaks another one is refused, and told so."""
 
 
-class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """The base of all headers: an array on the wire, whose first element is the kind."""
-
-
 # --- from a module ---------------------------------------------------------------------------------------------------
 
 
-class Hello(_Header, frozen=True, forbid_unknown_fields=False, tag=1):
+class Hello(Numbered, frozen=True, forbid_unknown_fields=False, tag=1):
     """First message of a connection, and again after a reconnect. Answered by Welcome or Refused. A later version's
     may have more fields: so it can be read, and refused for its version.
     """
 
-    number: int
     version: int
     module: str
     incarnation: str
@@ -68,27 +65,24 @@ class Hello(_Header, frozen=True, forbid_unknown_fields=False, tag=1):
     """
 
 
-class Register(_Header, frozen=True, tag=2):
+class Register(Numbered, frozen=True, tag=2):
     """Declare messages, and say which of them this module handles."""
 
-    number: int
     messages: Annotated[list[MessageFormat], MANY]
     handlers: Annotated[list[HandlerFormat], MANY] = []
     is_ready: bool = False
     """The module has attached what it attaches at its start: what its earlier runs attached besides is left behind."""
 
 
-class Unregister(_Header, frozen=True, tag=3):
+class Unregister(Numbered, frozen=True, tag=3):
     """This module handles these messages no longer (all of its handlers when the list is empty)."""
 
-    number: int
     messages: Annotated[list[str], MANY]
 
 
-class Send(_Header, frozen=True, tag=4):
+class Send(Numbered, frozen=True, tag=4):
     """Send a message of any class; the body is its data. Answered by Accepted or Refused, then by Answer where due."""
 
-    number: int
     message: str
     parent: TaskId = TaskId(0)
     """The task that a goal or command becomes a child of (0: the root)."""
@@ -120,17 +114,16 @@ class Send(_Header, frozen=True, tag=4):
     """Of a task: instead of Accepted comes TasksMade, with others and at the latest before the next other answer."""
 
 
-class Reply(_Header, frozen=True, tag=5):
+class Reply(OfDelivery, frozen=True, tag=5):
     """The handler of a delivery returned; the body is its reply or result."""
 
-    delivery: int
     took: float = 0
     """Seconds that it ran, by its own clock (0: not said)."""
     refusals: int = 0
     """How many refusals of *quiet* tasks that it has sent the handler knows: if there were more, it has failed."""
 
 
-class Replies(_Header, frozen=True, tag=30):
+class Replies(WireArray, frozen=True, tag=30):
     """Handlers of informs, queries or broadcasts have returned, one after the other; what they returned is the body,
     end to end.
     """
@@ -140,10 +133,9 @@ class Replies(_Header, frozen=True, tag=30):
     """How long ago this slot began with what comes after these (below 0: it has not)."""
 
 
-class Fail(_Header, frozen=True, tag=6):
+class Fail(OfDelivery, frozen=True, tag=6):
     """The handler of a delivery failed; the body is the failure's data."""
 
-    delivery: int
     failure: str
     text: str = ""
     kinds: Annotated[list[str], MANY] = []
@@ -152,7 +144,7 @@ class Fail(_Header, frozen=True, tag=6):
     """The handler of a failure cannot deal with it: search on, above it, at once."""
 
 
-class Recalled(_Header, frozen=True, tag=29):
+class Recalled(WireArray, frozen=True, tag=29):
     """This slot gives back what it had ahead and had not begun: it never begins it."""
 
     deliveries: Annotated[list[int], MANY]
@@ -160,18 +152,16 @@ class Recalled(_Header, frozen=True, tag=29):
     """To a Recall: what that named, and is not given back, has been begun."""
 
 
-class Constrain(_Header, frozen=True, tag=7):
+class Constrain(Numbered, frozen=True, tag=7):
     """Add constraints between points of existing tasks."""
 
-    number: int
     constraints: Annotated[list[Constraint], MANY]
     origin: int = 0
 
 
-class AwaitPoint(_Header, frozen=True, tag=8):
+class AwaitPoint(Numbered, frozen=True, tag=8):
     """Answer when this point has been reached."""
 
-    number: int
     point: Point
     origin: int = 0
     blocking: bool = False
@@ -180,7 +170,7 @@ class AwaitPoint(_Header, frozen=True, tag=8):
     """As in Send."""
 
 
-class GiveUp(_Header, frozen=True, tag=9):
+class GiveUp(WireArray, frozen=True, tag=9):
     """The sender no longer waits for the answer to request *request*; if that was a Lock, its claim is released."""
 
     request: int
@@ -190,7 +180,7 @@ class GiveUp(_Header, frozen=True, tag=9):
     origin: int = 0
 
 
-class Await(_Header, frozen=True, tag=26):
+class Await(WireArray, frozen=True, tag=26):
     """The sender of query or multi-query *request*, who went on, now waits for its answer; or that of a *quiet* task
     for its id; or that of Observe for news. Nothing else answers this.
     """
@@ -209,11 +199,9 @@ class Await(_Header, frozen=True, tag=26):
     """
 
 
-class Kill(_Header, frozen=True, tag=10):
+class Kill(OfTask, frozen=True, tag=10):
     """End a task and everything under it: now, *delay* seconds from now, or *delay* seconds after a point."""
 
-    number: int
-    task: TaskId
     why: str = ""
     scope: Scope = Scope.TASK
     after: Point | None = None
@@ -221,14 +209,13 @@ class Kill(_Header, frozen=True, tag=10):
     origin: int = 0
 
 
-class Ask(_Header, frozen=True, tag=11):
+class Ask(Numbered, frozen=True, tag=11):
     """Ask central about a topic; answered with a MessagePack map as body."""
 
-    number: int
     topic: Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
 
 
-class Receipt(_Header, frozen=True, tag=50):
+class Receipt(WireArray, frozen=True, tag=50):
     """This connection has read so many bytes of packets, beats left out, since it said so last: central sends nobody
     more than so much that was not read.
     """
@@ -236,16 +223,15 @@ class Receipt(_Header, frozen=True, tag=50):
     size: int
 
 
-class Bye(_Header, frozen=True, tag=12):
+class Bye(WireArray, frozen=True, tag=12):
     """This connection closes: of its own will, nothing failed."""
 
 
-class Attach(_Header, frozen=True, tag=13):
+class Attach(Numbered, frozen=True, tag=13):
     """Let an exception handler take care of a failure ("": any) of one task, or of every task of a message. Answered by
     Accepted with the id by which it can be removed.
     """
 
-    number: int
     attachment: Attachment
     task: TaskId = TaskId(0)
     """The task that it is attached to, where *message* is "" (0: the root, above all tasks)."""
@@ -253,77 +239,65 @@ class Attach(_Header, frozen=True, tag=13):
     origin: int = 0
 
 
-class Remove(_Header, frozen=True, tag=14):
+class Remove(Numbered, frozen=True, tag=14):
     """Take away an exception handler, wiretap or (*for all*) a monitor, whoever wants it. Accepted: 0 if it is gone."""
 
-    number: int
     id: int
     for_all: bool = False
     origin: int = 0
 
 
-class Raise(_Header, frozen=True, tag=15):
+class Raise(OfTask, frozen=True, tag=15):
     """Raise a failure on a task; the body is the failure's data."""
 
-    number: int
-    task: TaskId
     failure: str
     text: str = ""
     kinds: Annotated[list[str], MANY] = []
     origin: int = 0
 
 
-class Retry(_Header, frozen=True, tag=16):
+class Retry(OfTask, frozen=True, tag=16):
     """Kill all under a task and let it be handled again, with the body as its data where *new_data*."""
 
-    number: int
-    task: TaskId
     new_data: bool = False
     origin: int = 0
 
 
-class Resolve(_Header, frozen=True, tag=55):
+class Resolve(Numbered, frozen=True, tag=55):
     """The exception handler with the delivery *origin* has dealt with its failure, if its task ends without one."""
 
-    number: int
     origin: int
 
 
-class Suspend(_Header, frozen=True, tag=17):
+class Suspend(OfTask, frozen=True, tag=17):
     """From now on nothing under a task, and not the task itself, is started; or, with *resume*, may be again."""
 
-    number: int
-    task: TaskId
     resume: bool = False
     origin: int = 0
 
 
-class Deadline(_Header, frozen=True, tag=18):
+class Deadline(Numbered, frozen=True, tag=18):
     """Raise the failure "timeout" on a task if its point is not reached within *seconds* from now."""
 
-    number: int
     point: Point
     seconds: float
     origin: int = 0
 
 
-class Inspect(_Header, frozen=True, tag=19):
+class Inspect(OfTask, frozen=True, tag=19):
     """Ask central about a task and its relatives; answered with a MessagePack list of maps."""
 
-    number: int
-    task: TaskId
     relation: Literal["self", "parent", "children", "ancestors", "descendants", "kept"]
     message: str = ""
     """Only tasks of this message ("": of any)."""
 
 
-class Lock(_Header, frozen=True, tag=23):
+class Lock(Numbered, frozen=True, tag=23):
     """Let nobody into a resource, or (*reserve*) only what this module sends. Answered when that is so.
 
     It ends when this request is given up, when the task or message *origin* has ended, or with the connection.
     """
 
-    number: int
     resource: str
     module: str = ""
     """The resource's module; "" if only one has a resource of that name."""
@@ -338,22 +312,20 @@ class Lock(_Header, frozen=True, tag=23):
     """As in Send."""
 
 
-class Unlock(_Header, frozen=True, tag=24):
+class Unlock(Numbered, frozen=True, tag=24):
     """Take a lock or reservation from whoever has it. Answered by Accepted; its id is 0 if nobody had it."""
 
-    number: int
     resource: str
     module: str = ""
     origin: int = 0
 
 
-class Tap(_Header, frozen=True, tag=64):
+class Tap(Numbered, frozen=True, tag=64):
     """Send *listener* whenever the condition comes true of a message, or of one task; it gets the tapped data.
 
     Answered by Accepted with the id by which the wiretap can be removed.
     """
 
-    number: int
     condition: Condition
     listener: str
     message: str = ""
@@ -368,7 +340,7 @@ class Tap(_Header, frozen=True, tag=64):
     """With *at_once*: the message that *task* is, for it may have ended."""
 
 
-class Fire(_Header, frozen=True, tag=65):
+class Fire(Numbered, frozen=True, tag=65):
     """Fire a monitor, or all that watch of *message* (TCM: Activate). A demon monitor sends its action, the body is the
     data of that; any other tests its condition now.
 
@@ -376,7 +348,6 @@ class Fire(_Header, frozen=True, tag=65):
     did.
     """
 
-    number: int
     monitor: TaskId
     action: str = ""
     """The message that the data are for; refused if that is not the monitor's action ("": it is not asked)."""
@@ -385,72 +356,62 @@ class Fire(_Header, frozen=True, tag=65):
     """All that watch of this message, instead of one *monitor*."""
 
 
-class EndMonitor(_Header, frozen=True, tag=66):
+class EndMonitor(Numbered, frozen=True, tag=66):
     """End a monitor; messages that it has sent go on."""
 
-    number: int
     monitor: TaskId
     origin: int = 0
 
 
-class Keep(_Header, frozen=True, tag=25):
+class Keep(OfTask, frozen=True, tag=25):
     """Remember a task after its end: data, outcome and place in the tree; or, with *release*, no longer."""
 
-    number: int
-    task: TaskId
     release: bool = False
     origin: int = 0
 
 
-class AwaitAny(_Header, frozen=True, tag=27):
+class AwaitAny(OfDelivery, frozen=True, tag=27):
     """The handler of a delivery, a coroutine, does nothing until one of these requests is answered; it was said before
     what it awaited, and that is no longer so. With no requests: it may go on.
     """
 
-    delivery: int
     requests: Annotated[list[int], MANY]
 
 
-class Release(_Header, frozen=True, tag=28):
+class Release(Numbered, frozen=True, tag=28):
     """The sender no longer needs what Lock *request* has got. The id that Accepted names is 0 if it had lost that."""
 
-    number: int
     request: int
     origin: int = 0
 
 
-class GetVariable(_Header, frozen=True, tag=20):
+class GetVariable(Numbered, frozen=True, tag=20):
     """Get the value of a variable, as the body of the Answer; it is empty if the variable was never set."""
 
-    number: int
     variable: str
 
 
-class SetVariable(_Header, frozen=True, tag=21):
+class SetVariable(Numbered, frozen=True, tag=21):
     """Set a variable to the value in the body. Answered by Accepted or, with *swap*, as GetVariable was just before."""
 
-    number: int
     variable: str
     origin: int = 0
     swap: bool = False
 
 
-class WaitUntilHandled(_Header, frozen=True, tag=22):
+class WaitUntilHandled(Numbered, frozen=True, tag=22):
     """Answer when each of these messages is handled by somebody, all at the same time. Before that an Answer with
     *more* and a text may come: a warning.
     """
 
-    number: int
     messages: Annotated[list[str], MANY]
     promised: Annotated[list[str], MANY] = []
     """The messages that the sender will handle as soon as all those are."""
     origin: int = 0
 
 
-class GoOn(_Header, frozen=True, tag=54):
+class GoOn(Numbered, frozen=True, tag=54):
     """Let tasks start again after a restart of central, whoever is not back yet."""
-
-    number: int
 
 
 ToCentral = (
@@ -464,40 +425,36 @@ ToCentral = (
 # --- from central ----------------------------------------------------------------------------------------------------
 
 
-class Welcome(_Header, frozen=True, tag=33):
+class Welcome(Numbered, frozen=True, tag=33):
     """Answers Hello. *module* is the name by which the journal knows the module; *epoch* names this run of central."""
 
-    number: int
     version: int
     module: str
     epoch: str
 
 
-class Accepted(_Header, frozen=True, tag=34):
+class Accepted(Numbered, frozen=True, tag=34):
     """The request was taken; *id* is the task or message it became (0: neither)."""
 
-    number: int
     id: int = 0
 
 
-class TasksMade(_Header, frozen=True, tag=45):
+class TasksMade(WireArray, frozen=True, tag=45):
     """The *quiet* requests that were taken since the last such message, and the tasks that they became."""
 
     tasks: list[tuple[int, TaskId]]
 
 
-class Refused(_Header, frozen=True, tag=35):
+class Refused(Numbered, frozen=True, tag=35):
     """The request was not taken, and nothing of it remains."""
 
-    number: int
     refusal: Refusal
     text: str
 
 
-class Answer(_Header, frozen=True, tag=36):
+class Answer(Numbered, frozen=True, tag=36):
     """The answer to a query, a wait or a question; the body is the reply, result or failure data."""
 
-    number: int
     outcome: Outcome = Outcome.DONE
     failure: str = ""
     text: str = ""
@@ -506,10 +463,9 @@ class Answer(_Header, frozen=True, tag=36):
     the first failure if all handlers failed: the first line of its text names them all."""
 
 
-class Deliver(_Header, frozen=True, tag=37):
+class Deliver(OfDelivery, frozen=True, tag=37):
     """Handle this message and answer with Reply or Fail; the body is its data."""
 
-    delivery: int
     message: str
     task: TaskId = TaskId(0)
     """The task that it is (0: it belongs to no tree)."""
@@ -522,53 +478,49 @@ class Deliver(_Header, frozen=True, tag=37):
     """So many deliveries, which are not answered yet as far as central knows, are to be handled before it."""
 
 
-class Cancelled(_Header, frozen=True, tag=38):
+class Cancelled(OfDelivery, frozen=True, tag=38):
     """The task of this delivery has been killed, or is to be handled again: its handler should end soon."""
 
-    delivery: int
     why: str = ""
     """Why, and of a kill by whom."""
 
 
-class Beat(_Header, frozen=True, tag=39):
+class Beat(WireArray, frozen=True, tag=39):
     """Central is alive."""
 
 
-class Unknown(_Header, frozen=True, tag=40):
+class Unknown(WireArray, frozen=True, tag=40):
     """Central does not know this connection: say Hello again, then repeat unacknowledged requests."""
 
     number: int = 0
     """The request that it answers, which is not done: if it was sent only once, nobody has it."""
 
 
-class Closing(_Header, frozen=True, tag=41):
+class Closing(WireArray, frozen=True, tag=41):
     """Central ends."""
 
     text: str = ""
 
 
-class Suspended(_Header, frozen=True, tag=42):
+class Suspended(OfDelivery, frozen=True, tag=42):
     """The task of this delivery has been suspended, or resumed: its handler may hold, or go on to its end."""
 
-    delivery: int
     is_suspended: bool
 
 
-class Taken(_Header, frozen=True, tag=43):
+class Taken(Numbered, frozen=True, tag=43):
     """The resource of the Lock with this number was taken away: *text* says by whom, or why."""
 
-    number: int
     text: str
 
 
-class Replace(_Header, frozen=True, tag=51):
+class Replace(Numbered, frozen=True, tag=51):
     """The slot of this number is lost, for its handler hangs: open another one in its place."""
 
-    number: int
     text: str = ""
 
 
-class Recall(_Header, frozen=True, tag=44):
+class Recall(WireArray, frozen=True, tag=44):
     """Give back those of these deliveries, which you have ahead, that you have not begun; answered by Recalled."""
 
     deliveries: list[int]

@@ -11,11 +11,29 @@ MANY = msgspec.Meta(max_length=int(Limit.LIST))
 """Of a list in a header: so many entries, and no more."""
 
 
-class _Part(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """The base of all parts: an array on the wire."""
+class WireArray(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """The base of all headers and their parts: an array on the wire. The first element of a header is its kind."""
 
 
-class MessageFormat(_Part, frozen=True):
+class Numbered(WireArray, frozen=True):
+    """A request, or the answer to one."""
+
+    number: int
+
+
+class OfTask(Numbered, frozen=True):
+    """A request about a task."""
+
+    task: TaskId
+
+
+class OfDelivery(WireArray, frozen=True):
+    """A header about a delivery."""
+
+    delivery: int
+
+
+class MessageFormat(WireArray, frozen=True):
     """A message's name, class and formats (JSON Schema as text; "" where the class has no reply)."""
 
     name: str
@@ -30,7 +48,7 @@ class MessageFormat(_Part, frozen=True):
     """The table of a task's life cycle ("": the general one)."""
 
 
-class HandlerFormat(_Part, frozen=True):
+class HandlerFormat(WireArray, frozen=True):
     """A message that a module handles, in which resource; handlers of one *pool* share the messages."""
 
     message: str
@@ -50,7 +68,7 @@ class HandlerFormat(_Part, frozen=True):
     """What becomes of a task that has to wait for this handler."""
 
 
-class EndedRun(_Part, frozen=True, gc=False):
+class EndedRun(WireArray, frozen=True, gc=False):
     """A run of a handler that has ended: how long ago, and how long it *took*, in seconds."""
 
     delivery: int
@@ -60,7 +78,7 @@ class EndedRun(_Part, frozen=True, gc=False):
     """Of what it returned, in bytes (0: nothing)."""
 
 
-class Attachment(_Part, frozen=True):
+class Attachment(WireArray, frozen=True):
     """The attachment of an exception handler for a failure, at most *maximum* times (0: any number of times)."""
 
     failure: str
@@ -68,7 +86,7 @@ class Attachment(_Part, frozen=True):
     maximum: int = 0
 
 
-class WatchOptions(_Part, frozen=True):
+class WatchOptions(WireArray, frozen=True):
     """The options of a monitor (TCA 8.5: CreateMonitorOptions). Times in seconds."""
 
     period: float = 0
@@ -87,7 +105,7 @@ class WatchOptions(_Part, frozen=True):
     """Its parent waits for its end: it does not end at the latest when all else under its parent has."""
 
 
-class StateChange(_Part, frozen=True):
+class StateChange(WireArray, frozen=True):
     """A change of a task's state, or how the task stands."""
 
     task: TaskId
@@ -113,14 +131,14 @@ class StateChange(_Part, frozen=True):
     """How it ended, if it *is over*."""
 
 
-class Involved(_Part, frozen=True):
+class Involved(WireArray, frozen=True):
     """A task that another one is about."""
 
     task: TaskId
     message: str
 
 
-class Trouble(_Part, frozen=True, tag="trouble"):
+class Trouble(WireArray, frozen=True, tag="trouble"):
     """The context of an exception handler; the body of the delivery is the failure's data."""
 
     failure: str
@@ -134,7 +152,7 @@ class Trouble(_Part, frozen=True, tag="trouble"):
     """The number of calls of this exception handler for the task that it is attached to, this one included."""
 
 
-class Tapped(_Part, frozen=True, tag="tapped"):
+class Tapped(WireArray, frozen=True, tag="tapped"):
     """The context of a listener."""
 
     condition: Condition
@@ -142,7 +160,7 @@ class Tapped(_Part, frozen=True, tag="tapped"):
     """The tapped task (task 0: the tapped message is none)."""
 
 
-class Watching(_Part, frozen=True, tag="watching"):
+class Watching(WireArray, frozen=True, tag="watching"):
     """The monitor that sent its set-up, condition, action or cancel message."""
 
     monitor: Involved

@@ -5,9 +5,7 @@ The lists of all headers are in headers.py; docs/protocol.md tells the story.
 
 from typing import Annotated
 
-import msgspec
-
-from tca_wire.packets.parts import MANY
+from tca_wire.packets.parts import MANY, WireArray
 from tca_wire.vocabulary import Outcome
 
 MOST_NOTES = 1000
@@ -16,11 +14,7 @@ MOST_LOST = 1_000_000_000
 """Messages in one loss."""
 
 
-class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """The base of all headers and their parts: an array on the wire."""
-
-
-class Entrance(_Header, frozen=True):
+class Entrance(WireArray, frozen=True):
     """A slot's entrance for direct messages: the ZeroMQ address of a ROUTER socket, and its key.
 
     In a slot's Hello the key is a secret of the slot's. Central gives those who send such messages licences that it
@@ -33,7 +27,7 @@ class Entrance(_Header, frozen=True):
     """The public key of the socket, if it asks for CURVE: whoever connects needs it, and shows a pair of its own."""
 
 
-class Note(_Header, frozen=True):
+class Note(WireArray, frozen=True):
     """The note that a slot has handled a direct message."""
 
     message: str
@@ -51,40 +45,40 @@ class Note(_Header, frozen=True):
     failure: str = ""
 
 
-class Loss(_Header, frozen=True):
+class Loss(WireArray, frozen=True):
     """The number of informs sent directly that were lost, or may have been; of message "": notes that were not kept."""
 
     message: str
     number: int
 
 
-class Noted(_Header, frozen=True, tag=80):
+class Noted(WireArray, frozen=True, tag=80):
     """The outcomes of direct messages, for the journal."""
 
     notes: Annotated[list[Note], MANY]
     losses: Annotated[list[Loss], MANY] = []
 
 
-class WatchEntrance(_Header, frozen=True, tag=81):
+class WatchEntrance(WireArray, frozen=True, tag=81):
     """Say EntranceGone when this entrance is gone, or at once if it is not there."""
 
     endpoint: str
 
 
-class Route(_Header, frozen=True, tag=82):
+class Route(WireArray, frozen=True, tag=82):
     """From now on send this message to one of these entrances; if there is none, through central."""
 
     message: str
     entrances: list[Entrance] = []
 
 
-class Barred(_Header, frozen=True, tag=46):
+class Barred(WireArray, frozen=True, tag=46):
     """These licences of senders are not valid any more, at any entrance."""
 
     numbers: list[str]
 
 
-class EntranceGone(_Header, frozen=True, tag=83):
+class EntranceGone(WireArray, frozen=True, tag=83):
     """The slot of an entrance is gone: queries that it has not answered will not be. If it was not *lost* but left, it
     answers what it has begun with, and says Closing to those whose queries it has not.
     """

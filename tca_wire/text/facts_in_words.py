@@ -235,7 +235,7 @@ def state_change(transition: str, state: str, module: str, text: str = "") -> st
     """A transition of a task's life cycle: ``update by planner, now update requested: it slips``. Without a *state*,
     that stays as it was.
     """
-    return f"{transition}{by_whom(module)}{f', now {state}' if state else ''}{_after_colon(text)}"
+    return f"{transition}{by_whom(module)}{f', now {state}' if state else ''}{f': {text}' if text else ''}"
 
 
 def kill_reason(why: str, by: str) -> str:
@@ -266,10 +266,6 @@ _DUE = {
     Due.CLAIM: "timeout of a lock",
     Due.GRACE: "end of the wait for those who were there before the restart",
 }
-
-
-def _after_colon(text: str) -> str:
-    return f": {text}" if text else ""
 
 
 def _date(began: float) -> str:

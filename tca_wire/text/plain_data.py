@@ -101,11 +101,8 @@ def _sound(schema: Any) -> dict[str, Any]:
     """A schema without the parts that are none: it comes from anybody."""
     if not isinstance(schema, dict):
         return {}
-    return {key: made for key, part in schema.items() if (made := _PARTS.get(key, _as_it_is)(part)) is not None}
-
-
-def _as_it_is(part: Any) -> Any:
-    return part
+    parts = {key: _PARTS[key](part) if key in _PARTS else part for key, part in schema.items()}
+    return {key: part for key, part in parts.items() if part is not None}
 
 
 def _text(part: Any) -> str | None:
@@ -168,8 +165,8 @@ def knows_field(schema: str, path: Sequence[str]) -> bool:
 class _DataBuilder:
     """Walks value and schema side by side, and builds the data. Unknown parts of a schema pass."""
 
-    def __init__(self, schema: Any) -> None:
-        self._definitions = schema.get("$defs", {}) if isinstance(schema, dict) else {}
+    def __init__(self, schema: dict[str, Any]) -> None:
+        self._definitions = schema.get("$defs", {})
         self._of_type: dict[str, Callable[[dict[str, Any], Any, str], Any]] = {
             "object": self._object,
             "array": self._array,
@@ -202,9 +199,7 @@ class _DataBuilder:
 
     def _options(self, schema: Any) -> list[dict[str, Any]]:
         schema = self._resolve(schema)
-        if not isinstance(schema.get("anyOf"), list):
-            return [schema]
-        return [self._resolve(option) for option in schema["anyOf"]]
+        return [self._resolve(option) for option in schema.get("anyOf", [schema])]
 
     def _fields_named(self, schema: dict[str, Any], name: str) -> list[Any]:
         if schema.get("type", "object") != "object" or "enum" in schema:
@@ -218,7 +213,7 @@ class _DataBuilder:
         if isinstance(value, Bare):
             return self._fit_bare(schema, value, path)
         schema = self._resolve(schema)
-        if isinstance(schema.get("anyOf"), list):
+        if "anyOf" in schema:
             return self._any(schema, value, path)
         if "enum" in schema and not any(value == one and type(value) is type(one) for one in schema["enum"]):
             raise self._unfit(schema, value, path)

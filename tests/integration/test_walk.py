@@ -65,7 +65,7 @@ def test_the_task_tree_is_that_of_the_papers_figure_2(history: History) -> None:
 
 
 def named(history: History, task: int) -> list[str]:
-    return [history.tasks[child].name for child in history.children(task)]
+    return [history.tasks[child].name for child in history.tasks[task].children]
 
 
 def test_planning_the_next_step_overlaps_walking_this_one(history: History) -> None:
@@ -73,7 +73,7 @@ def test_planning_the_next_step_overlaps_walking_this_one(history: History) -> N
         chain = steps_of(history, arc)
         assert len(chain) >= 4
         for now, following in pairwise(chain):
-            body = history.tasks[history.children(now)[named(history, now).index("move body")]].reached
+            body = history.tasks[history.tasks[now].children[named(history, now).index("move body")]].reached
             begun, planned = history.tasks[now].reached[Moment.START_ACHIEVING], history.tasks[following].reached
             assert begun <= planned[Moment.START_HANDLING] < planned[Moment.END_HANDLING] < body[Moment.END_HANDLING]
 
@@ -112,7 +112,7 @@ def test_the_controller_was_replaced_between_the_arcs_and_the_walk_went_on(
 def steps_of(history: History, arc: int) -> list[int]:
     """The take-steps tasks of an arc, outermost first."""
     chain = [arc]
-    while below := [child for child in history.children(chain[-1]) if history.tasks[child].name == "take steps"]:
+    while below := [child for child in history.tasks[chain[-1]].children if history.tasks[child].name == "take steps"]:
         chain += below
     return chain[1:]
 

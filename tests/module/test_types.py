@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 import tca_module
 from tca_module import Command, HandlerOptions, MisuseError, Module, MonitorOptions, Task, TaskOptions
 from tca_module.session.registering import registers
-from tca_wire.messages.declaring import Declaring
+from tca_wire.messages.declarations import Declaring
 from tca_wire.packets import codec
 from tca_wire.packets.headers import Register
 from tca_wire.packets.parts import HandlerFormat, MessageFormat

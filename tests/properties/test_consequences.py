@@ -17,8 +17,8 @@ from sampling import lives
 from tca_central.core import Central
 from tca_central.events import Effect
 from tca_central.model.deliveries import Connection, Delivery, ModuleClaim
-from tca_tools.explain.ends import End, Ends
-from tca_tools.explain.wait import Node
+from tca_tools.explain.graph import End, Ends
+from tca_tools.explain.waits import Node
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fold import History
 from tca_wire.constraints import Flags

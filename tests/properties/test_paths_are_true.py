@@ -18,7 +18,7 @@ from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.step_words import why_then
 from tca_tools.analysis.steps import Doing
-from tca_tools.explain.ends import Ends
+from tca_tools.explain.graph import Ends
 from tca_tools.journal.at_time import RunAt
 from tca_wire.packets import headers
 from tca_wire.points import Moment

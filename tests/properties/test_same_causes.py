@@ -17,8 +17,7 @@ from tca_central.needs.graph import Group, Node, needs
 from tca_central.needs.waits import Ends as CentralEnds
 from tca_central.needs.waits import next_of, waits_of
 from tca_central.order.cycles import Place, predecessors
-from tca_tools.explain.ends import Ends
-from tca_tools.explain.graph import next_node, waits_now
+from tca_tools.explain.graph import Ends, next_node, waits_now
 from tca_tools.explain.wait_words import told
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import TaskState

@@ -21,11 +21,9 @@ from tca_central.needs.waits import Ends as CentralEnds
 from tca_central.needs.waits import next_of
 from tca_central.needs.waits import waits_of as told_by_central
 from tca_central.order.cycles import Place
-from tca_tools.explain.ends import Ends
-from tca_tools.explain.graph import keeping, next_node, steps
-from tca_tools.explain.wait import Node
+from tca_tools.explain.graph import Ends, keeping, next_node, steps
 from tca_tools.explain.wait_words import reasons
-from tca_tools.explain.waits import waits_of
+from tca_tools.explain.waits import Node, waits_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fold import History
 from tca_wire.constraints import Flags

@@ -34,7 +34,7 @@ from tca_tools.analysis.resources import uses
 from tca_tools.analysis.step_words import why_then
 from tca_tools.analysis.steps import Doing
 from tca_tools.analysis.summary import span_of, summary
-from tca_tools.explain.ends import causes
+from tca_tools.explain.graph import causes
 from tca_tools.explain.story import story
 from tca_tools.explain.wait_words import in_the_end, last_of, reasons
 from tca_tools.export.tables import TABLES, Table

@@ -18,7 +18,7 @@ from tca_tools.analysis.summary import summary
 from tca_tools.check import rules
 from tca_tools.explain.story import story
 from tca_tools.export.tables import TABLES
-from tca_tools.export.trace.details import of_handling, of_task
+from tca_tools.export.trace.tracks import of_handling, of_task
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.chart import Ending
 from tca_tools.gantt.svg import svg_text
@@ -37,8 +37,7 @@ from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
-from tca_tools.tasktree_viz.text import COLOURS, tree_lines
-from tca_tools.tasktree_viz.told import story_lines
+from tca_tools.tasktree_viz.text import COLOURS, story_lines, tree_lines
 from tca_tools.tasktree_viz.words import summary as title
 from tca_tools.view.answers import message_answer
 from tca_tools.view.reading import Reading

@@ -35,7 +35,7 @@ def reasons(history: History, task: int) -> list[str]:
 def test_the_tree_and_its_handlers() -> None:
     history = walking().fold()
     assert history.top == [1]
-    assert [*history.children(1)] == [2, 3, 4]
+    assert [*history.tasks[TaskId(1)].children] == [2, 3, 4]
     assert history.tasks[6].reached[Moment.END_ACHIEVING] == 3.4
     assert history.tasks[6].handlings[0].module == "controller"
 

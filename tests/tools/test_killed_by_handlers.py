@@ -10,7 +10,7 @@ from tca_tools.check import rules
 from tca_tools.journal.fates import Fate
 from tca_tools.journal.fold import History
 from tca_tools.tasktree_viz.failing import failure_chain
-from tca_tools.tasktree_viz.told import story_lines
+from tca_tools.tasktree_viz.text import story_lines
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, TaskId
 

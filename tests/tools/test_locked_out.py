@@ -13,8 +13,7 @@ from tools.story import Story
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advice_words import Advice, Topic
 from tca_tools.analysis.backwards import Causes
-from tca_tools.analysis.queues import growing
-from tca_tools.analysis.resources import kept_out
+from tca_tools.analysis.resources import growing, kept_out
 from tca_tools.analysis.summary import span_of
 from tca_tools.journal.fold import History
 from tca_tools.journal.whole_run import Run

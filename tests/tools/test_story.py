@@ -12,8 +12,7 @@ from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.long_waits import long_waits
-from tca_tools.explain.ends import causes
-from tca_tools.explain.graph import waits_now
+from tca_tools.explain.graph import causes, waits_now
 from tca_tools.explain.story import story
 from tca_tools.explain.wait_words import Age, Last, in_the_end, last_of, reasons
 from tca_tools.explain.waits import told_waits

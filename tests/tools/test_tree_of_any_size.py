@@ -25,8 +25,7 @@ from tca_tools.journal.whole_run import Run
 from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.recording import Recording
 from tca_tools.tasktree_viz.outline import excerpt, outline, whole_outline
-from tca_tools.tasktree_viz.text import ASCII, UNICODE, tree_lines
-from tca_tools.tasktree_viz.told import story_lines
+from tca_tools.tasktree_viz.text import ASCII, UNICODE, story_lines, tree_lines
 from tca_tools.terminal import columns_of
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId

@@ -24,8 +24,7 @@ from tca_tools.tasktree_viz.files import is_figure
 from tca_tools.tasktree_viz.lanes import MOST_LANES, MOST_LEAVING, lines
 from tca_tools.tasktree_viz.outline import Row, outline, whole_outline
 from tca_tools.tasktree_viz.outline_svg import CHARACTER, outline_svg
-from tca_tools.tasktree_viz.text import tree_lines
-from tca_tools.tasktree_viz.told import story_lines
+from tca_tools.tasktree_viz.text import story_lines, tree_lines
 from tca_wire.constraints import Constraint, plan_ahead, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry

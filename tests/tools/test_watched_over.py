@@ -9,7 +9,7 @@ from tca_central.needs.waits import next_of, waits_of
 from tca_central.status.load import load
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path, last_task
-from tca_tools.explain.ends import causes
+from tca_tools.explain.graph import causes
 from tca_tools.explain.wait_words import in_the_end, reasons
 from tca_tools.journal.at_time import RunAt
 from tca_wire.packets import headers

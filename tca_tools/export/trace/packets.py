@@ -11,8 +11,7 @@ from perfetto.trace_builder.proto_builder import StreamingTraceProtoBuilder
 
 from tca_tools.export.nanoseconds import since_1970
 from tca_tools.export.trace.events import Event, EventKind, Trace, Track
-from tca_tools.export.trace.modules import add_modules
-from tca_tools.export.trace.tasks import add_task_tree
+from tca_tools.export.trace.tracks import add_modules, add_task_tree
 from tca_tools.journal.whole_run import Run
 
 _SEQUENCE = 1

@@ -1,16 +1,76 @@
-"""Modules as groups of tracks: what each resource handled, waited for, kept waiting, and what was sent. Pure."""
+"""The tracks of a trace. Pure.
+
+One for each depth of the task tree, on which every task is a slice with its states inside; and a group for each module:
+what each resource handled, waited for, kept waiting, and what was sent.
+"""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
-from itertools import chain, count, groupby
+from functools import partial
+from itertools import chain, count, groupby, pairwise, starmap
+from math import inf
+from operator import itemgetter
 from typing import Any
 
-from tca_tools.export.trace.details import of_handling, of_message, of_wait
+from tca_tools.explain.waits import of_handler_wait
 from tca_tools.export.trace.events import Details, Event, Trace, TraceSpan, Track, in_lanes, in_order
-from tca_tools.journal.fates import has_coped
-from tca_tools.journal.records import Claim, HandlerWait, Handling, Message, Queueing
+from tca_tools.journal.fates import has_coped, went_on
+from tca_tools.journal.records import Claim, HandlerWait, Handling, Message, Queueing, Task
 from tca_tools.journal.whole_run import Run
+from tca_wire.points import Moment, describe_moments
+from tca_wire.text.bodies import plain_data
 from tca_wire.vocabulary import Outcome
+
+# --- the details that are shown when something is clicked ------------------------------------------------------------
+
+
+def of_message(run: Run, message: Message) -> Details:
+    """A message: its data, its sender, its purpose."""
+    parent = message.parent if isinstance(message, Task) else 0
+    return {
+        "id": message.id,
+        "class": str(message.message_class),
+        "sender": message.sender,
+        "parent": run.describe(parent) if parent else None,
+        "role": str(message.role) or None,
+        "about": run.describe(message.about) if message.about else None,
+        "data": plain_data(message.body),
+        "dropped": message.dropped or None,
+    }
+
+
+def of_task(run: Run, task: Task) -> Details:
+    """A task, as it was in the end."""
+    return of_message(run, task) | {
+        "state": str(task.state),
+        "failure": task.failure or None,
+        "killed": task.killed,
+        "killed by": task.killed_by or None,
+        "result": plain_data(task.result),
+        "failure data": plain_data(task.failure_data),
+    }
+
+
+def of_handling(run: Run, handling: Handling) -> Details:
+    """A run of a handler; of the last one with what came of the message."""
+    message = run.messages.get(handling.message_id)
+    details: Details = {"directly from": handling.direct_from or None} | (of_message(run, message) if message else {})
+    details["outcome"] = handling.outcome and str(handling.outcome)
+    if message and message.handlings and message.handlings[-1] is handling:
+        details |= {"result": plain_data(message.result), "failure data": plain_data(message.failure_data)}
+    return details
+
+
+def of_wait(run: Run, wait: HandlerWait) -> Details:
+    """A wait of a handler."""
+    return {
+        "kind": str(of_handler_wait(run, wait).kind),
+        "for": run.describe(wait.awaited),
+        "until": ", ".join(describe_moments(wait.moment or 0)) or None,
+    }
+
+
+# --- modules ---------------------------------------------------------------------------------------------------------
 
 Sent = dict[int | str, list[Message]]
 """The messages sent by each handling (by its identity), or by each module where the handling is not known."""
@@ -170,3 +230,63 @@ def _queued(track: Track, span: TraceSpan, queueing: Queueing) -> Event:
 def _claimed(track: Track, span: TraceSpan, claim: Claim) -> Event:
     name = f"{'reserved' if claim.is_reserved else 'locked'} by {claim.sender}"
     return track.begin(span, name, "lock", {"id": claim.id, "ended": claim.ended or None})
+
+
+# --- the task tree ---------------------------------------------------------------------------------------------------
+
+_DEEPEST = 12
+"""Deeper tasks share one track: a tree may be a hundred thousand tasks deep."""
+
+
+def add_task_tree(trace: Trace) -> None:
+    """Tracks for all tasks, those at the top first; each lasts from its birth to its end."""
+    depths: dict[int, int] = {}
+    levels = defaultdict(list)
+    for task in trace.run.tasks.values():
+        depth = depths[task.id] = depths.get(task.parent, 0) + 1
+        span = trace.span(task.received, task.reached.get(Moment.END_ACHIEVING))
+        levels[min(depth, _DEEPEST)].append((span, task))
+    group = trace.add("task tree") if levels else None
+    for depth in sorted(levels):
+        name = f"depth {depth}" + (" and deeper" if depth == _DEEPEST else "")
+        for lane in in_lanes(levels[depth]):
+            track = trace.add(name, group, depth)
+            track.events = chain.from_iterable(starmap(partial(_task, track), lane))
+
+
+def _task(track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
+    outer = track.begin(span, task.name, "task", of_task(track.trace.run, task))
+    return track.within(span, outer, _moments(track, span, task), _states(track, span, task))
+
+
+def _states(track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
+    """The states that it was in until its end."""
+    stages: list[tuple[float, str]] = [(track.trace.nanoseconds(time), str(state)) for time, state in task.states]
+    found = []
+    for (start, state), (after, _) in pairwise([*stages, (span.last, "")]):
+        end = min(after, span.last)
+        if start < end:
+            stage = TraceSpan(int(start), None if end == inf else int(end))
+            found.append((stage, track.begin(stage, state, "state")))
+    return track.slices(found)
+
+
+def _moments(track: Track, span: TraceSpan, task: Task) -> list[Event]:
+    """Its failures and kills, and what was asked of it and told of it while it went on."""
+    trace = track.trace
+    news: list[tuple[float, str, str, Details]] = [
+        (time, "failed", "failure", {"failure": text, "handled": went_on(trace.run, task, time)})
+        for time, text in task.failures
+    ]
+    news += [
+        (time, "killed", "failure", {"why": why, "by": task.was("killed_by", time) or None})
+        for time, why in task.became("killed")
+        if why is not None
+    ]
+    for one in task.life:
+        details: Details = {"state": one.state, "by": one.module or str(one.by), "why": one.text or None}
+        news.append((one.time, one.transition, "change", details | {"data": plain_data(one.body)}))
+    return [
+        track.instant(int(min(trace.nanoseconds(time), span.last)), name, category, details)
+        for time, name, category, details in sorted(news, key=itemgetter(0))
+    ]
