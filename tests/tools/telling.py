@@ -15,7 +15,7 @@ A run may also be played by central: then each line is a command of its transcri
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
 from typing import Any, get_args
@@ -39,6 +39,8 @@ from tca_tools.explain.story import story
 from tca_tools.explain.wait_words import in_the_end, last_of, reasons
 from tca_tools.export.tables import TABLES, Table
 from tca_tools.gantt.build import chart
+from tca_tools.gantt.chart import Chart
+from tca_tools.gantt.window import ALL, Pick
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fates import begun_again_with, coped_with, fate, hinges, told_to, went_on
 from tca_tools.journal.fold import History
@@ -284,14 +286,21 @@ def advice(run: Run) -> list[str]:
     return told
 
 
-def bars(run: Run) -> list[str]:
-    """The bars of the chart: where, how they end, what they say when pointed at, and their marks."""
-    told = []
-    for row in chart(run).rows:
-        for bar in (*row.queued, *row.handled):
-            told.append(f"{bar.start:g} to {bar.end:g} {bar.ending.name if bar.ending else '-'}: {bar.title()}")
-            told += [f"  {mark.time:g} {mark.title}" for mark in bar.marks]
-    return told
+def bars(run: Run, number: int | None = None, at: float | None = None) -> list[str]:
+    """The chart, with what holds one message; from a moment on."""
+    return list(all_of_a_chart(chart(run, at, pick=ALL if number is None else Pick(held={number}))))
+
+
+def all_of_a_chart(drawing: Chart) -> Iterator[str]:
+    yield f"{drawing.start:.2f} to {drawing.end:.2f}: {', '.join(drawing.names)}"
+    for row in drawing.rows:
+        yield f"{row.label}, connected {row.connected}"
+        for bar in (*row.bars, *row.claims):
+            end = "open" if bar.is_open else bar.ending
+            yield f"  {bar.kind} {bar.lane} {bar.name} {bar.start} {bar.end} {end}: {bar.title()}".replace(" : ", ": ")
+            yield from (f"    {mark.time} {mark.ending}: {mark.title}" for mark in bar.marks)
+            yield from (f"    {wait.start} {wait.end}: {wait.title()}" for wait in bar.waits)
+            yield from [f"    {bar.words(200)}"] * (bar.why is not None)
 
 
 def in_short(run: Run) -> list[str]:
