@@ -1,30 +1,22 @@
 """What the tools tell of small runs: each in told/ is told event by event, and asked about in between.
 
     # TITLE
-    at TIME                                   the next event
-    MODULE joins[, and handles MESSAGE, ...][ in RESOURCE]
-    CLASS MESSAGE {ID} from SENDER[ under TASK][ in DELIVERY][ and waits][ as ROLE of ID][ to MODULE[, and begins]]
-        [ with JSON][ where POINT <= POINT, ...]
-    queued ID[ for MODULE[ / RESOURCE]] | delivered ID to MODULE[ / RESOURCE] | returned ID[: OUTCOME][ with JSON]
-    failed ID: FAILURE[: TEXT] | achieved ID | reached ID: MOMENT, ... or all | asked by DELIVERY
-    KIND FIELD=JSON ...                       any other fact
+    a line of a story: see tell()
     ? QUESTION                                and the answers, indented
 
 A run may also be played by central: then each line is a command of its transcripts. See QUESTIONS for what can be asked.
 """
 
-import json
 import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
-from typing import Any, get_args
+from typing import Any
 
 import msgspec
 from central.transcript import Transcript
-from central.transcript_words import constraints, read_fields
 from tools.runs import checked
-from tools.story import Story
+from tools.story import Story, tell
 
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares
@@ -53,11 +45,7 @@ from tca_tools.stats.measure import MessageStats, ResourceStats, Times, measure
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import data, note
 from tca_wire.journal import facts
-from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Role
-
-KINDS = {one.__struct_config__.tag: one for one in get_args(facts.Fact)}
-CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
+from tca_wire.points import TaskId
 
 
 def told(text: str) -> str:
@@ -74,72 +62,6 @@ def told(text: str) -> str:
                 is_played = True
                 played.play(line)
     return "\n".join(lines)
-
-
-# --- a story ---------------------------------------------------------------------------------------------------------
-
-
-def tell(tale: Story, line: str) -> bool:
-    """Tell one line of a story; False if it is none."""
-    for pattern, do in TOLD:
-        if found := re.fullmatch(pattern, line):
-            do(tale, **{name: text for name, text in found.groupdict().items() if text is not None})
-            return True
-    kind = max((one for one in KINDS if line.startswith(f"{one} ")), key=len, default="")
-    if not kind:
-        return False
-    tale.say(KINDS[kind](**read_fields(KINDS[kind], line.removeprefix(kind))))
-    return True
-
-
-def joins(tale: Story, name: str, handles: str = "", resource: str = "") -> None:
-    tale.module(name, *filter(None, handles.split(", ")), resource=resource)
-
-
-def received(tale: Story, kind: str, message: str, number: str, sender: str, **more: str) -> None:
-    told = tale.received(
-        message, MessageClass(kind), sender, int(more.get("parent", 0)), *constraints(more["where"]) if "where" in more else (),
-        origin=int(more["origin"]) if "origin" in more else None, blocking="blocking" in more,
-        data=json.loads(more["data"]) if "data" in more else None, role=Role(more.get("role", "")),
-        about=int(more.get("about", 0)), to=more.get("to", ""), begins="begins" in more,
-    )  # fmt: skip
-    assert told == int(number), f"that is {told}"
-
-
-def returned(tale: Story, number: str, outcome: str = "done", data: str = "null") -> None:
-    tale.returned(int(number), Outcome(outcome), json.loads(data))
-
-
-def reached(tale: Story, number: str, moments: str) -> None:
-    tale.reached(int(number), *(Moment if moments == "all" else map(moment, moments.split(", "))))
-
-
-def moment(words: str) -> Moment:
-    return Moment[words.upper().replace(" ", "_")]
-
-
-PLACE = r"(?P<module>.+?)(?: / (?P<resource>.+))?"
-JSON = r"(?: with (?P<data>[\[{\"\d-].*?))?"
-RECEIVED = (
-    rf"(?P<kind>{CLASSES}) (?P<message>.+?) \{{(?P<number>\d+)\}} from (?P<sender>.+?)(?: under (?P<parent>\d+))?"
-    r"(?: in (?P<origin>\d+))?(?P<blocking> and waits)?(?: as (?P<role>[a-z ]+) of (?P<about>\d+))?"
-    rf"(?: to (?P<to>.+?)(?P<begins>, and begins)?)?{JSON}(?: where (?P<where>.+))?"
-)
-TOLD: list[tuple[str, Callable[..., object]]] = [
-    (r"at (?P<time>[\d.]+)", lambda tale, time: tale.at(float(time))),
-    (r"(?P<name>.+?) joins(?:, and handles (?P<handles>.+?))?(?: in (?P<resource>.+))?", joins),
-    (RECEIVED, received),
-    (rf"queued (?P<number>\d+)(?: for {PLACE})?", lambda tale, number, **where: tale.queued(int(number), **where)),
-    (rf"delivered (?P<number>\d+) to {PLACE}", lambda tale, number, **where: tale.delivered(int(number), **where)),
-    (rf"returned (?P<number>\d+)(?:: (?P<outcome>[a-z]+))?{JSON}", returned),
-    (
-        r"failed (?P<number>\d+): (?P<failure>.+?)(?:: (?P<text>.*))?",
-        lambda tale, number, **how: tale.failed(int(number), **how),
-    ),
-    (r"achieved (?P<number>\d+)", lambda tale, number: tale.achieved(int(number))),
-    (r"reached (?P<number>\d+): (?P<moments>.+)", reached),
-    (r"asked by (?P<number>\d+)", lambda tale, number: tale.asked_by(int(number))),
-]
 
 
 # --- questions -------------------------------------------------------------------------------------------------------

@@ -8,8 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 from mcap.reader import make_reader
-from tools.made_robots import replacing
-from tools.story import Story, stumbling, walking
+from tools.story import Story, made, stumbling, walking
 
 from tca_tools.export.mcap_file import write_mcap
 from tca_tools.export.schemas import object_schema, plain_schema
@@ -146,7 +145,7 @@ def test_tasks_and_resources_over_time() -> None:
 
 @pytest.mark.parametrize("top_fails", [False, True])
 def test_a_failure_says_whether_the_run_went_on_after_it(*, top_fails: bool) -> None:
-    topics = topics_of(replacing(top_fails=top_fails))
+    topics = topics_of(made("not_replaced" if top_fails else "replaced"))
     told = [row["handled"] for row in topics["/tca/tasks"].contents if row["failure"]]
     assert set(told) == {not top_fails}
     assert all("handled" not in row for row in topics["/tca/tasks"].contents if not row["failure"])

@@ -10,9 +10,8 @@ import pytest
 from central.player import Player
 from click.testing import Result
 from tools.deliveries import written
-from tools.made_robots import fail, replacing
 from tools.runs import OPENED, checked, encoded
-from tools.story import Story
+from tools.story import Story, made
 
 from tca_tools.analysis.summary import summary
 from tca_tools.check import rules
@@ -56,7 +55,7 @@ YELLOW, RED = "\x1b[33m", "\x1b[31m"
 
 @pytest.mark.parametrize("top_fails", [False, True])
 def test_what_failed_and_was_handled_is_amber_everywhere(*, top_fails: bool) -> None:
-    told = replacing(top_fails=top_fails)
+    told = made("not_replaced" if top_fails else "replaced")
     run, word, colour = told.fold(), "failed" if top_fails else HANDLED, RED if top_fails else YELLOW
     at, rows = RunAt(run), whole_outline(RunAt(run))
     assert at.tasks[STEP].standing == word
@@ -79,23 +78,12 @@ def test_what_failed_and_was_handled_is_amber_everywhere(*, top_fails: bool) -> 
 
 def test_a_report_shows_it_too(tca: Tca, tmp_path: Path) -> None:
     out = tmp_path / "run.html"
-    assert not tca("report", replacing().write(tmp_path / "walk"), "-o", out).exit_code
+    assert not tca("report", made("replaced").write(tmp_path / "walk"), "-o", out).exit_code
     assert '<span class="r-tag s-handled">1 failed (handled)</span>' in out.read_text()
 
 
-def recovering() -> Story:
-    """A move {1} slips at 2 s; recover {2} can't deal with that, and recover {3} is called at 3 s. It is 4.5 s."""
-    told = Story().module("legs", "move").module("expert", "recover").at(1.0)
-    move = told.command("move", "user", to="legs")
-    told.at(2.0)
-    fail(told, move, "slip", "on ice")
-    told.rescued(move, "recover", "expert")
-    told.at(3.0).rescued(move, "recover", "expert")
-    return told.at(4.5)
-
-
 def test_who_recovers_says_who_works_on_it_and_for_how_long(tca: Tca, tmp_path: Path) -> None:
-    folder = recovering().write(tmp_path / "walk")
+    folder = made("in_recovery").write(tmp_path / "walk")
     line = tca("tree", folder).stdout.splitlines()[2]
     assert line.endswith("slip: on ice; waits until recover {3} has dealt with its failure, for 1.5 s")
     assert (
@@ -103,12 +91,12 @@ def test_who_recovers_says_who_works_on_it_and_for_how_long(tca: Tca, tmp_path: 
         .stdout.splitlines()[2]
         .endswith("slip: on ice; waits until recover {2} has dealt with its failure, for 500 ms")
     )
-    at = RunAt(recovering().fold())
+    at = RunAt(made("in_recovery").fold())
     assert "recovering, slip: on ice; waits until recover {3}" in outline_svg(at, whole_outline(at), "")
 
 
 def test_a_journal_that_begins_in_the_midst_knows_of_nobody() -> None:
-    told = recovering()
+    told = made("in_recovery")
     for entry in told.entries:
         entry.facts[:] = [one for one in entry.facts if getattr(one, "task", getattr(one, "id", 1)) == 1]
     at = RunAt(told.fold())
@@ -118,7 +106,7 @@ def test_a_journal_that_begins_in_the_midst_knows_of_nobody() -> None:
 
 @pytest.mark.parametrize("width", [10, 40, 49, 79])
 def test_on_a_narrow_terminal_the_tree_has_room(tca: Tca, tmp_path: Path, width: int) -> None:
-    folder, columns = replacing().write(tmp_path / "walk"), {"COLUMNS": str(width)}
+    folder, columns = made("replaced").write(tmp_path / "walk"), {"COLUMNS": str(width)}
     lines = tca("tree", folder, **columns).stdout.splitlines()
     assert max(map(len, lines)) <= width
     assert lines[2].startswith("wal")
@@ -141,29 +129,16 @@ def test_deep_trees_keep_names_on_a_narrow_terminal(tca: Tca, tmp_path: Path) ->
 # --- failures that are raised beside the handler ---------------------------------------------------------------------
 
 
-COMMAND = "tca raise#7"
-
-
-def late() -> Story:
-    """A move is too slow at 3 s, and somebody makes the same of one that waits, at 4 s; the handler goes on until 9 s."""
-    told = Story().module("legs", "move").at(1.0)
-    move = told.command("move", "user", to="legs")
-    told.at(3.0).say(facts.Failed(move, "timeout", "late", is_beside=True, by="central"))
-    told.queued(told.command("move", "user"), "legs").at(4.0)
-    slip = facts.Failed(2, "slip", "on ice", is_beside=True, by=COMMAND, body=b"\x07")
-    return told.say(slip).at(9.0).returned(move)
-
-
 def test_charts_mark_the_moment() -> None:
-    made = chart(late().fold())
-    (row,) = made.rows
+    drawn = chart(made("failed_beside").fold())
+    (row,) = drawn.rows
     assert [mark.time for bar in row.handled for mark in bar.marks] == [3.0]
     (mark,) = row.queued[0].marks
     assert mark.title == "move {2} failed at 4.000 s: slip: on ice (raised by the command 'tca raise')"
-    picture = svg_text(made, "late")
+    picture = svg_text(drawn, "late")
     assert mark.title.replace("'", "&#x27;") in picture
     assert "failure raised beside the handler" in picture
-    lines = list(chart_lines(made, 100))
+    lines = list(chart_lines(drawn, 100))
     axis, handled, queued, *_ = (line for line in lines if "!" in line or "~" in line)
     assert axis.startswith("legs")
     assert lines[-1].endswith("handled") or "raised beside the handler" in lines[-1]
@@ -172,7 +147,7 @@ def test_charts_mark_the_moment() -> None:
 
 def test_the_story_tells_who_raised_it_and_with_which_data(tmp_path: Path) -> None:
     history = History()
-    for entry in open_log(late().write(tmp_path / "late")):
+    for entry in open_log(made("failed_beside").write(tmp_path / "late")):
         history.apply(entry)
     assert [one.text for one in story(history, 2) if one.time == 4.0] == [
         "failed: slip: on ice (raised by the command 'tca raise')",

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from tools.made_robots import recovering
-from tools.story import THIS, Story, stuck, stumbling
+from tools.story import Story, made, stuck, stumbling
 
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task
@@ -23,7 +22,6 @@ from tca_tools.journal.fold import History
 from tca_tools.report.contents import contents
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.__main__ import tree
-from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Refusal
@@ -43,17 +41,8 @@ def test_of_what_is_unknown_there_is_no_story() -> None:
     assert story(stumbling().fold(), 99) == []
 
 
-def waiting_for_two() -> Story:
-    """A move {3} must wait for two others, which are achieved at 2 s and at 3 s."""
-    tale = Story().module("legs", "move", "look").at(1.0)
-    first, second = tale.command("move", "user"), tale.command("look", "user")
-    tale.command("move", "user", 0, *(sequential_achievement(TaskId(one), THIS) for one in (first, second)))
-    tale.delivered(first, "legs").delivered(second, "legs").at(2.0).achieved(first).at(3.0).achieved(second)
-    return tale.delivered(3, "legs").at(4.0)
-
-
 def test_a_story_at_a_moment_says_what_was_known_then(tmp_path: Path) -> None:
-    tale = waiting_for_two()
+    tale = made("waiting_for_two")
     first, second = "held, until move {1} is achieved", "held, until look {2} is achieved"
     folder = tale.write(tmp_path / "walk")
     for moment, why in ((1.5, f"{first}, 0.500 s so far"), (2.5, f"{second}, 1.500 s so far")):
@@ -167,7 +156,7 @@ def test_a_deadlock_of_a_program_outside_of_handlers_is_told_to_it() -> None:
 
 
 def test_the_longest_task_and_the_last() -> None:
-    run = recovering().fold()
+    run = made("recovering").fold()
     last, longest = last_task(run), longest_task(run)
     assert (last and last.id, longest and longest.id) == (5, 1)
     assert last_task(Story().fold()) is None

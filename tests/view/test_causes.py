@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.story import THIS, Story, delayed, stuck
+from tools.story import THIS, Story, made, stuck
 
 from tca_wire.constraints import sequential_achievement
 from tca_wire.points import Moment, TaskId
@@ -114,7 +114,7 @@ def test_where_a_task_counts_for_several_things_the_line_of_causes_says_so(look:
 
 
 def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
-    page = look(delayed().write(tmp_path / "dinner"), "#task=2")
+    page = look(made("delayed").write(tmp_path / "dinner"), "#task=2")
     why = page.locator(".row[data-task='2'] .why")
     expect(why).to_contain_text("until 3 s after ring bell {1} is achieved")
     expect(why).to_contain_text("until 500.250 s")
