@@ -223,6 +223,7 @@ THIS = TaskId(-1)
 # --- stories that are written down -----------------------------------------------------------------------------------
 
 
+MADE = Path(__file__).with_name("made")
 KINDS = {one.__struct_config__.tag: one for one in get_args(facts.Fact)}
 CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
 
@@ -230,6 +231,7 @@ CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
 def tell(tale: Story, line: str) -> bool:
     """Tell one line of a story; False if it is none.
 
+    see made/NAME                             what is told there
     at TIME                                   the next event
     MODULE joins[, and handles MESSAGE, ...][ in RESOURCE]
     CLASS MESSAGE {ID} from SENDER[ under TASK][ in DELIVERY][ and waits][ as ROLE of ID][ to MODULE[, and begins]]
@@ -247,6 +249,11 @@ def tell(tale: Story, line: str) -> bool:
         return False
     tale.say(KINDS[kind](**read_fields(KINDS[kind], line.removeprefix(kind))))
     return True
+
+
+def tell_made(tale: Story, name: str) -> None:
+    for line in (MADE / f"{name}.txt").read_text().splitlines():
+        assert line.startswith("#") or tell(tale, line), line
 
 
 def joins(tale: Story, name: str, handles: str = "", resource: str = "") -> None:
@@ -283,6 +290,7 @@ RECEIVED = (
     rf"(?: to (?P<to>.+?)(?P<begins>, and begins)?)?{JSON}(?: where (?P<where>.+))?"
 )
 TOLD: list[tuple[str, Callable[..., object]]] = [
+    (r"see made/(?P<name>\w+)", tell_made),
     (r"at (?P<time>[\d.]+)", lambda tale, time: tale.at(float(time))),
     (r"(?P<name>.+?) joins(?:, and handles (?P<handles>.+?))?(?: in (?P<resource>.+))?", joins),
     (RECEIVED, received),
@@ -299,15 +307,11 @@ TOLD: list[tuple[str, Callable[..., object]]] = [
 ]
 
 
-MADE = Path(__file__).with_name("made")
-
-
 def made(*names: str) -> Story:
     """The story of that name in made/; of several names, one that goes on with the next."""
     story = Story()
     for name in names:
-        for line in (MADE / f"{name}.txt").read_text().splitlines():
-            assert line.startswith("#") or tell(story, line), line
+        tell_made(story, name)
     return story
 
 

@@ -7,16 +7,20 @@
 A run may also be played by central: then each line is a command of its transcripts. See QUESTIONS for what can be asked.
 """
 
+import io
 import re
 from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import pairwise
+from itertools import groupby, pairwise
+from operator import attrgetter
 from typing import Any
 
 import msgspec
 from central.transcript import Transcript
+from click import unstyle
 from tools.runs import checked
 from tools.story import Story, tell
+from tools.trace_reader import Read, read_trace
 
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares
@@ -30,6 +34,7 @@ from tca_tools.explain.ends import causes
 from tca_tools.explain.story import story
 from tca_tools.explain.wait_words import in_the_end, last_of, reasons
 from tca_tools.export.tables import TABLES, Table
+from tca_tools.export.trace.packets import write_trace
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.chart import Chart
 from tca_tools.gantt.window import ALL, Pick
@@ -43,6 +48,9 @@ from tca_tools.log.classic import classic_lines
 from tca_tools.report.contents import contents
 from tca_tools.stats.measure import MessageStats, ResourceStats, Times, measure
 from tca_tools.tasktree_viz.failing import failure_chain
+from tca_tools.tasktree_viz.outline import whole_outline
+from tca_tools.tasktree_viz.text import tree_lines
+from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.tasktree_viz.words import data, note
 from tca_wire.journal import facts
 from tca_wire.points import TaskId
@@ -65,6 +73,9 @@ def told(text: str) -> str:
 
 
 # --- questions -------------------------------------------------------------------------------------------------------
+
+
+SECOND = 1_000_000_000
 
 
 def answers(entries: list[facts.Entry], question: str) -> list[str]:
@@ -225,6 +236,39 @@ def all_of_a_chart(drawing: Chart) -> Iterator[str]:
             yield from [f"    {bar.words(200)}"] * (bar.why is not None)
 
 
+def trace_of(run: Run) -> Read:
+    """The Perfetto trace of a run, read back."""
+    stream = io.BytesIO()
+    write_trace(run, stream)
+    return read_trace(stream.getvalue())
+
+
+def all_of_a_trace(read: Read) -> Iterator[str]:
+    """Its tracks with their slices, arrows, counters."""
+    for track, slices in groupby(
+        sorted(read.slices, key=attrgetter("track", "lane", "start")), key=attrgetter("track")
+    ):
+        yield track
+        for one in slices:
+            until = "" if one.end == one.start else " on" if one.end is None else f" to {one.end / SECOND:.3f}"
+            details = ", ".join(f"{key}: {value}" for key, value in one.details.items())
+            yield f"{'  ' * (one.depth + 1)}{one.start / SECOND:.3f}{until} {one.category}: {one.name}; {details}"
+    for number, stations in sorted(read.flows.items()):
+        yield f"arrow {number}: {' -> '.join(f'{one.name} ({one.track})' for one in stations)}"
+    for counter, values in read.counters.items():
+        yield f"{counter}: {', '.join(f'{number} at {time / SECOND}' for time, number in values)}"
+
+
+def tree(run: Run, at: float | None = None) -> list[str]:
+    then = at_moment(run, at)
+    return [unstyle(line) for line in tree_lines(then, whole_outline(then), width=None)]
+
+
+def shown(run: Run, number: int) -> list[str]:
+    """A story as it is printed."""
+    return [line for text in story_lines(run, TaskId(number), 200) for line in unstyle(text).splitlines()]
+
+
 def in_short(run: Run) -> list[str]:
     """The outcome of a run."""
     found, named = summary(run), {"last": last_task(run), "longest": longest_task(run)}
@@ -327,7 +371,7 @@ OF_ENTRIES: dict[str, Callable[[list[facts.Entry]], list[str]]] = {
 QUESTIONS: dict[str, Callable[..., list[str]]] = {
     "story": story_of, "row": row, "states": states, "end": end, "causes": all_causes, "chain": chain, "failures": all_failures,
     "fate": fate_of, "coped": coped, "path": path, "shares": where_time_went, "waits": waits, "reasons": all_reasons,
-    "advice": advice, "bars": bars, "summary": in_short, "runs": runs, "uses": all_uses, "life": life,
+    "advice": advice, "bars": bars, "tree": tree, "shown": shown, "trace": lambda run: list(all_of_a_trace(trace_of(run))), "summary": in_short, "runs": runs, "uses": all_uses, "life": life,
     "messages": messages, "waited": waited, "figures": figures,
     **{f"table_{table.name}": partial(rows, table) for table in TABLES},
 }  # fmt: skip

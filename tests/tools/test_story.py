@@ -4,11 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
-from tools.story import Story, made, stuck, stumbling
+from click.testing import Result
+from tools.story import Story, stuck, stumbling
 
 from tca_tools.analysis.backwards import Causes
-from tca_tools.analysis.critical_path import critical_path, last_task, longest_task
+from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.long_waits import long_waits
 from tca_tools.explain.ends import causes
@@ -21,7 +21,6 @@ from tca_tools.journal.fates import Fate
 from tca_tools.journal.fold import History
 from tca_tools.report.contents import contents
 from tca_tools.tasktree_viz import words
-from tca_tools.tasktree_viz.__main__ import tree
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Refusal
@@ -39,17 +38,6 @@ def told(history: History, message: int) -> list[str]:
 
 def test_of_what_is_unknown_there_is_no_story() -> None:
     assert story(stumbling().fold(), 99) == []
-
-
-def test_a_story_at_a_moment_says_what_was_known_then(tmp_path: Path) -> None:
-    tale = made("waiting_for_two")
-    first, second = "held, until move {1} is achieved", "held, until look {2} is achieved"
-    folder = tale.write(tmp_path / "walk")
-    for moment, why in ((1.5, f"{first}, 0.500 s so far"), (2.5, f"{second}, 1.500 s so far")):
-        printed = " ".join(CliRunner().invoke(tree, [str(folder), "--story", "3", "--at", str(moment)]).output.split())
-        assert why in printed
-        assert "handled" not in printed
-        assert why in [one.by(moment, moment) for one in story(tale.fold(), 3, moment)]
 
 
 def test_of_many_causes_the_longest_are_told() -> None:
@@ -78,9 +66,6 @@ def test_of_very_many_subtasks_a_few_waits_are_made_and_all_are_counted() -> Non
     assert (len(waits_now(at, walk)), len(told_waits(run, run.tasks[walk], together=True))) == (4, 3)
     kept = "achieving, until move {2}, move {3}, move {4} and 997 more are achieved"
     assert told(run, walk)[-1] == f"1.0 {kept}"
-
-
-SINCE_1 = Age(1.0, 1.0)
 
 
 def end_of(at: RunAt, task: TaskAt) -> str:
@@ -153,13 +138,6 @@ def test_a_deadlock_of_a_program_outside_of_handlers_is_told_to_it() -> None:
     (kind,) = failures(run)
     assert (kind.cases[0].of, kind.cases[0].fate, kind.message) == ("user", Fate.TOLD, "slow")
     assert contents(run).stories == {}
-
-
-def test_the_longest_task_and_the_last() -> None:
-    run = made("recovering").fold()
-    last, longest = last_task(run), longest_task(run)
-    assert (last and last.id, longest and longest.id) == (5, 1)
-    assert last_task(Story().fold()) is None
 
 
 def test_a_handler_with_very_many_waits_is_walked_in_time() -> None:
