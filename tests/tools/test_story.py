@@ -11,6 +11,7 @@ from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.long_waits import long_waits
+from tca_tools.analysis.summary import summary
 from tca_tools.explain.ends import causes
 from tca_tools.explain.graph import waits_now
 from tca_tools.explain.story import story
@@ -23,7 +24,7 @@ from tca_tools.report.contents import contents
 from tca_tools.tasktree_viz import words
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Refusal
+from tca_wire.vocabulary import MessageClass, Refusal
 from tca_wire.waits.ends import MOST
 
 Tca = Callable[..., Result]
@@ -158,3 +159,12 @@ def test_only_the_longest_are_told() -> None:
         story.at(10.0 * number + number / 10).delivered(move, "legs").returned(move)
     (kind,) = long_waits(story.fold(), at_most=3)
     assert (kind.number, [round(wait.seconds, 3) for wait in kind.longest]) == (29, [2.9, 2.8, 2.7])
+
+
+def test_a_monitor_that_watches_in_a_live_run_is_counted() -> None:
+    tale = Story().at(1.0)
+    tale.received("battery watch", MessageClass.POLLING_MONITOR, "user")
+    tale.goal("walk", "user")
+    run = tale.fold()
+    run.is_live = True
+    assert summary(run).outcome.endswith("; 1 monitor still watching.")
