@@ -107,7 +107,7 @@ KITCHEN = [resource(name, busy=busy, **TROUBLE.get(name, {})) for name, busy in 
 BUSY = resource(
     waiting=4, oldest=12.0, held_by="eyes", handling=[{"id": 7, "message": "move\x1b[31m", "seconds": 0.52}]
 )
-BLOCKED = {"blocked": 1, "handling": [{"id": 8, "message": "look", "seconds": 90.0}]}
+BLOCKED: dict[str, Any] = {"blocked": 1, "handling": [{"id": 8, "message": "look", "seconds": 90.0}]}
 CANCELLED = {"id": 7, "message": "move leg", "state": "cancel requested", "seconds": 0.5}
 MOVES = plain(Waiter(9, "move", more=3, seconds=12.0, waits=(WaitFor(WaitKind.RESOURCE, module="legs"),)))
 WALK = WaitFor(WaitKind.CONSTRAINT, 3, "walk", Moment.END_ACHIEVING)
