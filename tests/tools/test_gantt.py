@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from tools.story import COMMAND, THIS, Story, locking, silent_for, stumbling, walking
+from tools.story import COMMAND, THIS, Story, locking, made, silent_for, stumbling, walking
 from tools.telling import all_of_a_chart
 
 from tca_tools.gantt.axis import ticks
@@ -83,15 +83,9 @@ def test_a_part_of_the_time_keeps_the_colours() -> None:
     assert [len(row.handled) for row in part.rows] == [1, 0, 0, 2]
 
 
-def test_a_suspended_task_is_its_modules_who_would_have_handled_it_even_when_that_has_left() -> None:
-    story = Story().module("legs", "move", resource="left").at(0.5).module("wheels", "move")
-    move = story.at(1.0).command("move", "x")
-    story.say(facts.SuspendedOrResumed(TaskId(move), True)).at(3.0).say(facts.SuspendedOrResumed(TaskId(move), False))
-    story.at(4.0)
-    for name in ("wheels", "legs"):
-        story.say(facts.HandlerRemoved("move", name), facts.ModuleLeft(name, "it said goodbye"))
-    late = story.command("move", "x")
-    run = story.say(facts.SuspendedOrResumed(TaskId(late), True)).at(5.0).fold()
+def test_a_suspended_task_is_in_the_row_of_its_module() -> None:
+    """That would have handled it, even when it has left."""
+    run = made("suspended_for_wheels").fold()
 
     def suspended(*modules: str) -> list[float]:
         rows = chart(run, pick=Pick(modules=modules) if modules else ALL).rows
@@ -100,27 +94,16 @@ def test_a_suspended_task_is_its_modules_who_would_have_handled_it_even_when_tha
     assert (suspended(), suspended("wheels"), suspended("legs")) == ([1.0, 4.0], [1.0], [])
 
 
-def waiting_for_two() -> Chart:
-    """A move {3} waits for a move {1} until 3 s and for a look {2} until 4 s; and so does another one {4}."""
-    story = Story().module("legs", "move", "look").at(1.0)
-    first, second = story.command("move", "user"), story.command("look", "user")
-    both = [sequential_achievement(TaskId(one), THIS) for one in (first, second)]
-    held = [story.command("move", "user", 0, *both) for _ in range(2)]
-    story.delivered(first, "legs").delivered(second, "legs").at(3.0).achieved(first).at(4.0).achieved(second)
-    for one in held:
-        story.delivered(one, "legs")
-    return chart(story.fold(), pick=Pick(held=held))
-
-
 def test_each_cause_has_a_bar_of_its_own_in_the_lane_of_the_task() -> None:
-    (row,) = (row for row in waiting_for_two().rows if row.held)
+    drawing = chart(made("two_waiting").fold(), pick=Pick(held={3, 4}))
+    (row,) = (row for row in drawing.rows if row.held)
     assert sorted((bar.lane, bar.start, bar.end, bar.words(200)) for bar in row.held) == [
         (0, 1.0, 3.0, "move {3}: until move {1} and look {2} are achieved"),
         (0, 3.0, 4.0, "until look {2} is achieved"),
         (1, 1.0, 3.0, "move {4}: until move {1} and look {2} are achieved"),
         (1, 3.0, 4.0, "until look {2} is achieved"),
     ]
-    lines = [line for line in chart_lines(waiting_for_two(), 120) if "until" in line]
+    lines = [line for line in chart_lines(drawing, 120) if "until" in line]
     assert [line.count("╎ until look {2} is achieved ·") for line in lines] == [1, 1]
 
 

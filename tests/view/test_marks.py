@@ -15,22 +15,8 @@ from view.conftest import Look, until
 pytestmark = pytest.mark.slow
 
 
-def recovered() -> Story:
-    """A step fails at 2 s and is replanned; at 6 s a second one fails, and nobody deals with that."""
-    story = Story().module("planner", "step").module("expert", "replan").at(1.0)
-    step = story.goal("step", "user")
-    story.delivered(step, "planner").at(2.0).returned(step, Outcome.FAILED).say(facts.Failed(step, "slip", "on ice"))
-    replan = story.command("replan", "central")
-    story.say(facts.Caught(TaskId(step), TaskId(replan), TaskId(step), 9)).delivered(replan, "expert")
-    story.at(3.0).returned(replan).reached(replan, Moment.END_ACHIEVING).say(facts.Recovered(TaskId(step)))
-    story.reached(step, *Moment).at(5.0)
-    last = story.goal("step", "user")
-    story.delivered(last, "planner").at(6.0).returned(last, Outcome.FAILED).say(facts.Failed(last, "slip", "again"))
-    return story.reached(last, *Moment).at(8.0).say(facts.Closed("done"))
-
-
 def test_handled_failures_are_marked_and_found_too(look: Look, tmp_path: Path) -> None:
-    page = look(recovered().write(tmp_path / "walk"), "#t=0.5")
+    page = look(made("recovered").write(tmp_path / "walk"), "#t=0.5")
     expect(page.locator("#counts")).to_be_attached()
     for clock in ("2.000 s", "6.000 s"):
         page.keyboard.press("]")
