@@ -4,6 +4,8 @@ import io
 import json
 import math
 import re
+from collections.abc import Callable
+from textwrap import indent
 from typing import Any
 
 import msgspec
@@ -90,23 +92,6 @@ def test_the_liveliest_messages_come_first() -> None:
     assert [line.message for line in frame(now, before).messages] == ["often", "stuck", "once"]
 
 
-def test_a_screen_tells_who_does_what_and_who_waits() -> None:
-    busy = resource(
-        waiting=4, oldest=12.0, held_by="eyes", handling=[{"id": 7, "message": "move\x1b[31m", "seconds": 0.52}]
-    )
-    waits = [plain(Waiter(9, "move", more=3, seconds=12.0, waits=(WaitFor(WaitKind.RESOURCE, module="legs"),)))]
-    told = frame(answer(20.0, busy, messages=[message("move", 3, failed=1)], waits=waits), hidden="tca top")
-    text = shown(screen(told, "ipc:///here", ""), 140)
-    assert (
-        "central at ipc:///here  run one, up 0:20\n1 module, 3 tasks, 10.0 events/s, memory 5 MiB; rates of the whole run"
-        in text
-    )
-    assert "locked by eyes  move\\x1b[31m {7}  0.5 s" in text
-    assert re.search(r"12.0 s +move \{9\} and 3 more +for legs", text)
-    assert "nobody waits" not in text
-    assert "\x1b" not in text
-
-
 def waiting(number: int, why: str = "legs") -> list[dict[str, Any]]:
     waits = (WaitFor(WaitKind.RESOURCE, module=why),)
     return [plain(Waiter(one, "step", seconds=1.0, waits=waits)) for one in range(1, number + 1)]
@@ -114,6 +99,50 @@ def waiting(number: int, why: str = "legs") -> list[dict[str, Any]]:
 
 def suspended_for_long() -> list[dict[str, Any]]:
     return [plain(Waiter(213, "mop floor", seconds=40.0, waits=(WaitFor(WaitKind.RESUME, module="operator panel"),)))]
+
+
+TROUBLE: dict[str, dict[str, Any]] = {"torch": {"waiting": 1, "oldest": 9.0}, "table": {"held_by": "waiter"}}
+SECONDS = {"idle": 0, "slow": 0, "quick": 0, "torch": 0, "sink": 0, "oven": 20, "stove": 40, "knife": 8, "table": 0}
+KITCHEN = [resource(name, busy=busy, **TROUBLE.get(name, {})) for name, busy in SECONDS.items()]
+BUSY = resource(
+    waiting=4, oldest=12.0, held_by="eyes", handling=[{"id": 7, "message": "move\x1b[31m", "seconds": 0.52}]
+)
+BLOCKED: dict[str, Any] = {"blocked": 1, "handling": [{"id": 8, "message": "look", "seconds": 90.0}]}
+CANCELLED = {"id": 7, "message": "move leg", "state": "cancel requested", "seconds": 0.5}
+MOVES = plain(Waiter(9, "move", more=3, seconds=12.0, waits=(WaitFor(WaitKind.RESOURCE, module="legs"),)))
+WALK = WaitFor(WaitKind.CONSTRAINT, 3, "walk", Moment.END_ACHIEVING)
+STEPS = [message(f"step {number}", number) for number in range(60)]
+SCREENS: dict[str, tuple[dict[str, Any], int, int | None]] = {
+    "modules work and a message waits": (
+        answer(20.0, BUSY, messages=[message("move", 3, failed=1)], waits=[MOVES]), 140, None
+    ),
+    "a small terminal has no room for messages": (
+        answer(99.0, resource(), messages=STEPS, waits=waiting(3, "map"), suspended=suspended_for_long()), 40, 12
+    ),
+    "the busy resources and the oldest waits come first": (
+        answer(20.0, *KITCHEN, messages=STEPS[:9], waits=waiting(4, "map"), held=waiting(2), suspended=suspended_for_long()),
+        100, 30,
+    ),
+    "a run stands because a task is suspended": (answer(99.0, resource(), suspended=suspended_for_long()), 100, None),
+    "80 columns": (
+        answer(20.0, BUSY | BLOCKED, resource("ankles", capacity=1, **BLOCKED),
+               held=[plain(Waiter(9, "wave", seconds=31.0, waits=(WALK,)))]), 80, None,
+    ),
+    "a task is to be cancelled": (
+        answer(20.0, resource(handling=[CANCELLED, {**CANCELLED, "id": 8, "state": ""}])), 100, None
+    ),
+    "nothing is there": (answer(1.0), 100, None),
+}  # fmt: skip
+
+
+def test_screens(approve: Callable[..., None]) -> None:
+    def tell(name: str) -> str:
+        told, width, height = SCREENS[name]
+        lines = shown(screen(frame(told, hidden="tca top"), "ipc:///here", "", height), width).splitlines()
+        assert len(lines) <= (height or 100)
+        return indent("\n".join(line.rstrip() for line in lines), "    ").strip()
+
+    approve("screens.txt", tell)
 
 
 @pytest.mark.parametrize("width", [40, 80])
@@ -127,42 +156,6 @@ def test_a_screen_fits_its_terminal(height: int, width: int, cut: int) -> None:
     assert all(len(line) <= width for line in lines)
     assert sum("and" in line and "more" in line for line in lines) == cut
     assert "central is away: no answer for 3 s" in lines[0]
-
-
-def test_in_a_small_terminal_those_who_wait_are_shown_and_what_is_not_is_named() -> None:
-    messages = [message(f"step {number}", number) for number in range(60)]
-    told = frame(answer(99.0, resource(), messages=messages, waits=waiting(3, "map"), suspended=suspended_for_long()))
-    lines = shown(screen(told, "ipc:///here", "", 12), 40).splitlines()
-    assert len(lines) <= 12
-    assert any("1.0 s" in line and "map" in line for line in lines)
-    assert any("40.0 s" in line and "mop" in line for line in lines)
-    assert lines[-1] == "no room for: resources, messages"
-
-
-def test_where_room_is_short_the_busy_and_the_oldest_waits_are_shown() -> None:
-    names = ["idle", "slow", "quick", "torch", "sink", "oven", "stove", "knife", "table"]
-    busy = {"oven": 20.0, "stove": 40.0, "knife": 8.0}
-    more: dict[str, dict[str, Any]] = {"torch": {"waiting": 1, "oldest": 9.0}, "table": {"held_by": "waiter"}}
-    many = [resource(name, busy=busy.get(name, 0.0), **more.get(name, {})) for name in names]
-    assert [line.resource for line in frame(answer(20.0, *many)).resources[:5]] == [
-        "torch", "stove", "table", "oven", "knife",
-    ]  # fmt: skip
-    messages = [message(f"step {number}", number) for number in range(9)]
-    told = frame(
-        answer(20.0, *many, messages=messages, waits=waiting(4, "map"), held=waiting(2), suspended=suspended_for_long())
-    )
-    lines = shown(screen(told, "ipc:///here", "", 30)).splitlines()
-    assert len(lines) <= 30
-    assert all(any(line.startswith(f"legs / {name} ") for line in lines) for name in ("torch", "table", *busy))
-    assert sum(" map" in line for line in lines) == 4
-    assert lines[-1] == "no room for: messages"
-
-
-def test_a_run_that_stands_because_something_is_suspended_says_so() -> None:
-    text = shown(screen(frame(answer(99.0, resource(), suspended=suspended_for_long())), "ipc:///here", ""))
-    assert re.search(r"suspended for +longest first +by +until", text)
-    assert re.search(r" 40.0 s +mop floor \{213\} +operator panel +'tca resume 213'", text)
-    assert "nobody waits" not in text
 
 
 def test_how_many_there_are_is_said_and_not_only_how_many_were_told() -> None:
@@ -181,36 +174,6 @@ def test_among_very_many_tasks_it_is_said_which_were_counted() -> None:
     told = frame(answer(20.0, held=waiting(1)) | {"tasks": 12_000, "looked_at": 10_000})
     assert "... and no more among the 10000 oldest tasks\n" in shown(screen(told, "ipc:///here", ""))
     assert (told.not_looked_at, told.is_cut) == (2000, True)
-
-
-def test_in_80_columns_nothing_that_matters_is_cut() -> None:
-    busy = resource(
-        waiting=4,
-        oldest=12.0,
-        blocked=1,
-        held_by="eyes",
-        handling=[{"id": 7, "message": "move leg", "seconds": 0.5}],
-    )
-    other = resource("ankles", capacity=1, blocked=1, handling=[{"id": 8, "message": "look", "seconds": 90.0}])
-    walk = WaitFor(WaitKind.CONSTRAINT, 3, "walk", Moment.END_ACHIEVING)
-    held = [plain(Waiter(9, "wave", seconds=31.0, waits=(walk,)))]
-    text = shown(screen(frame(answer(20.0, busy, other, held=held)), "ipc:///here", ""), 80)
-    assert re.search(r"legs x2 +10% +0.5 +4, 12.0 s +locked by eyes  1 blocked: move leg \{7\}", text)
-    assert re.search(r"legs / ankles +20% +0.5 +blocked: look \{8\}  90.0 s", text)
-    assert re.search(r"31.0 s +wave \{9\} +until walk \{3\} is achieved", text)
-
-
-def test_a_task_that_is_to_be_cancelled_is_shown_so() -> None:
-    asked = {"id": 7, "message": "move leg", "state": "cancel requested", "seconds": 0.5}
-    told = frame(answer(20.0, resource(handling=[asked, {**asked, "id": 8, "state": ""}])))
-    text = shown(screen(told, "ipc:///here", ""))
-    assert "move leg {7} (cancel requested) and move leg {8}" in text
-
-
-def test_nothing_is_told_in_words() -> None:
-    text = shown(screen(frame(answer(1.0)), "ipc:///here", ""))
-    for words in ("no module offers to handle anything", "no messages have been declared", "nobody waits"):
-        assert words in text
 
 
 def test_the_fullest_part_of_the_memory_is_shown_and_what_was_refused() -> None:

@@ -63,7 +63,7 @@ def check_trace(history: History) -> None:
         path = Path(folder) / "run.pftrace"
         with path.open("wb") as stream:
             write_trace(history, stream)
-        read = read_trace(path)
+        read = read_trace(path.read_bytes())
     found: dict[str, list[Any]] = {}
     for one in read.slices:
         found.setdefault(one.category, []).append(one)

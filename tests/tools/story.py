@@ -1,22 +1,26 @@
 """Builders of journals: a story is told event by event, with the facts that central would write."""
 
 import fcntl
+import json
 import os
+import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
+from central.transcript_words import constraints, read_fields
 
 from tca_tools.journal.fold import History
-from tca_wire.constraints import Constraint, delay_planning, plan_ahead, sequential_achievement
+from tca_wire.constraints import Constraint, delay_planning, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry
 from tca_wire.journal.records import record
-from tca_wire.points import Moment, Point, TaskId
+from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
 
 GOAL, COMMAND, QUERY = MessageClass.GOAL, MessageClass.COMMAND, MessageClass.QUERY
@@ -216,129 +220,105 @@ def _resolved(point: Any, number: int) -> Any:
 THIS = TaskId(-1)
 
 
-def walking() -> Story:
-    """The Ambler traverses an arc (Simmons 1994, figure 2): its first step {2} is being taken, the second {3} has been
-    planned meanwhile, the third {4} must not be planned before the second is taken."""
-    story = Story().module("user interface")
-    story.at(0.1).module("gait planner", "traverse arc", "take steps").module("perception", "elevation map")
-    story.at(0.2).module("controller", "move leg", "move body")
-    arc = story.at(0.5).goal(
-        "traverse arc", "user interface", data={"radius": 5.0, "angle": 0.6}, to="gait planner", begins=True
-    )
-    story.say(facts.WaitBegan("user interface", 0, TaskId(arc), Moment.END_ACHIEVING))
-    first = story.at(0.6).goal("take steps", "gait planner", arc, data={"from": 0})
-    second = story.goal("take steps", "gait planner", arc, sequential_achievement(TaskId(first), THIS))
-    story.goal(
-        "take steps",
-        "gait planner",
-        arc,
-        sequential_achievement(TaskId(second), THIS),
-        plan_ahead(TaskId(second), THIS),
-    )
-    story.queued(first, "gait planner").queued(second, "gait planner")
-    story.at(0.7).returned(arc).delivered(first, "gait planner").reached(first, Moment.START_ACHIEVING)
-    leg, body = plan_step(story, first, until=1.4)
-    story.delivered(leg, "controller").delivered(second, "gait planner")
-    plan_step(story, second, until=2.2)
-    story.at(3.4).returned(leg, data={"contact": [1.0, 2.0, -0.25]}).reached(leg, Moment.END_ACHIEVING)
-    return story.delivered(body, "controller").at(4.0)
+# --- stories that are written down -----------------------------------------------------------------------------------
 
 
-def plan_step(story: Story, step: int, until: float) -> tuple[int, int]:
-    """The gait planner plans a step: asks for a map, then sends a leg and a body move in sequence."""
-    now = story.entries[-1].time
-    story.at(round(now + 0.1, 6)).query(
-        "elevation map", "gait planner", step, "perception", took=round((until - now) * 0.6, 6)
-    )
-    leg = story.at(until).command("move leg", "gait planner", step, data={"leg": step, "height": 0.3})
-    body = story.command("move body", "gait planner", step, sequential_achievement(TaskId(leg), THIS))
-    story.returned(step).reached(step, Moment.END_PLANNING)
-    return leg, body
+MADE = Path(__file__).with_name("made")
+KINDS = {one.__struct_config__.tag: one for one in get_args(facts.Fact)}
+CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
 
 
-def stumbling() -> Story:
-    """The walk goes on: the body move of the first step fails, nobody handles that, and the arc is killed."""
-    story = walking()
-    story.at(4.5).returned(7, Outcome.FAILED, data={"force": 812.0}).say(
-        facts.Failed(7, "terrain collision", "leg 4 met\x1b[31m rock")
-    )
-    for task in (1, 2, 3, 4, 9, 10):
-        story.say(
-            facts.Killed(TaskId(task), "failure 'terrain collision' of move body {7} was not handled", failed=TaskId(7))
-        )
-    for task in (7, 9, 10, 2, 3, 4, 1):
-        story.reached(task, *Moment)
-    return story.say(facts.WaitEnded("user interface", 0, TaskId(1))).at(5.0).say(facts.Closed("interrupted"))
+def tell(tale: Story, line: str) -> bool:
+    """Tell one line of a story; False if it is none.
 
-
-def arcs() -> Story:
-    """Arcs in sequence, each planned only when the one before has been traversed; none is handled yet."""
-    story = Story().at(1.0)
-    walk = story.goal("walk", "user interface", to="planner", begins=True)
-    before: list[Constraint] = []
-    for _ in range(3):
-        arc = TaskId(story.goal("traverse arc", "planner", walk, *before))
-        before = [sequential_achievement(arc, THIS), delay_planning(THIS)]
-    return story.returned(walk)
-
-
-def locking() -> Story:
-    """While eyes looks, it locks the legs: a move queues; another is suspended, and handled when the planner has
-    reserved the legs.
+    see made/NAME                             what is told there
+    at TIME                                   the next event
+    MODULE joins[, and handles MESSAGE, ...][ in RESOURCE]
+    CLASS MESSAGE {ID} from SENDER[ under TASK][ in DELIVERY][ and waits][ as ROLE of ID][ to MODULE[, and begins]]
+        [ with JSON][ where POINT <= POINT, ...]
+    queued ID[ for MODULE[ / RESOURCE]] | delivered ID to MODULE[ / RESOURCE] | returned ID[: OUTCOME][ with JSON]
+    failed ID: FAILURE[: TEXT] | achieved ID | reached ID: MOMENT, ... or all | asked by DELIVERY
+    KIND FIELD=JSON ...                       any other fact
     """
-    story = Story().module("planner", "walk").module("legs", "move", "adjust").module("eyes", "look").at(0.5)
-    walk = story.goal("walk", "user", to="planner", begins=True)
-    first, look = story.command("move", "planner", walk), story.command("look", "planner", walk)
-    story.delivered(first, "legs").at(0.8).delivered(look, "eyes")
-    story.at(1.0).say(facts.Claimed(90, "legs", "legs", False, "eyes", look))
-    second, adjust = story.command("move", "planner", walk), story.command("adjust", "planner", walk)
-    story.queued(second, "legs").say(facts.SuspendedOrResumed(TaskId(adjust), True))
-    story.at(2.0).achieved(first).say(facts.Granted(90))
-    story.at(3.0).say(facts.ClaimEnded(90, "released")).delivered(second, "legs").at(3.2).achieved(look)
-    story.at(3.5).say(
-        facts.SuspendedOrResumed(TaskId(adjust), False), facts.Claimed(91, "legs", "legs", True, "planner", walk)
-    )
-    story.at(4.0).achieved(second).say(facts.Granted(91)).delivered(adjust, "legs")
-    return story.at(5.0).say(facts.Closed("interrupted"))
+    for pattern, do in TOLD:
+        if found := re.fullmatch(pattern, line):
+            do(tale, **{name: text for name, text in found.groupdict().items() if text is not None})
+            return True
+    kind = max((one for one in KINDS if line.startswith(f"{one} ")), key=len, default="")
+    if not kind:
+        return False
+    tale.say(KINDS[kind](**read_fields(KINDS[kind], line.removeprefix(kind))))
+    return True
 
 
-def mopping(by: str = "") -> Story:
-    """A floor {1} is mopped in three sweeps, and suspended (*by* a module) during the first {2}, which runs on; then
-    resumed. A drone {5} is wanted all the time, and nobody handles it.
-    """
-    story = Story().module("chef", "mop floor").module("broom", "sweep").at(1.0)
-    mop = story.goal("mop floor", "user", to="chef", begins=True)
-    sweep = story.command("sweep", "chef", mop, to="broom")
-    story.command("sweep", "chef", mop, sequential_achievement(TaskId(sweep), THIS))
-    story.command("sweep", "chef", mop, sequential_achievement(TaskId(sweep + 1), THIS))
-    story.at(1.5).returned(mop).reached(mop, Moment.END_PLANNING).at(1.6).queued(story.command("fly", "user"))
-    story.at(2.0).say(facts.SuspendedOrResumed(TaskId(mop), True, by)).at(3.0).achieved(sweep)
-    story.at(9.0).say(facts.SuspendedOrResumed(TaskId(mop), False, by))
-    story.acted(sweep + 1, "broom", 1.0).acted(sweep + 2, "broom", 1.0).reached(mop, Moment.END_ACHIEVING)
-    return story.at(12.0).say(facts.Closed("interrupted"))
+def tell_made(tale: Story, name: str) -> None:
+    for line in (MADE / f"{name}.txt").read_text().splitlines():
+        assert line.startswith("#") or tell(tale, line), line
 
 
-def resumed_alone() -> Story:
-    """A walk {1} is suspended before its moves begin. The first one {2} is resumed alone, and runs on when the walk is
-    suspended once more; the second one {3} begins when the walk is resumed.
-    """
-    story = Story().module("a", "walk").module("legs", "move").at(1.0)
-    walk = story.goal("walk", "user", to="a", begins=True)
-    first, second = story.command("move", "a", walk), story.command("move", "a", walk)
-    story.at(2.0).returned(walk).say(facts.SuspendedOrResumed(TaskId(walk), True, "panel"))
-    story.at(4.0).say(facts.SuspendedOrResumed(TaskId(first), False)).delivered(first, "legs")
-    story.at(5.0).say(facts.SuspendedOrResumed(TaskId(walk), True, "panel")).at(6.0).achieved(first)
-    story.at(9.0).say(facts.SuspendedOrResumed(TaskId(walk), False)).acted(second, "legs", 1.0)
-    return story.reached(walk, Moment.END_ACHIEVING)
+def joins(tale: Story, name: str, handles: str = "", resource: str = "") -> None:
+    tale.module(name, *filter(None, handles.split(", ")), resource=resource)
 
 
-def ordered() -> Story:
-    """A move {2} is created suspended by the planner, and resumed a second later."""
-    story = Story().module("planner", "walk").module("legs", "move").at(1.0)
-    walk = story.goal("walk", "user", to="planner", begins=True)
-    move = story.at(2.0).command("move", "planner", walk)
-    story.say(facts.SuspendedOrResumed(TaskId(move), True, "planner"))
-    return story.at(3.0).say(facts.SuspendedOrResumed(TaskId(move), False, "planner")).delivered(move, "legs")
+def received(tale: Story, kind: str, message: str, number: str, sender: str, **more: str) -> None:
+    told = tale.received(
+        message, MessageClass(kind), sender, int(more.get("parent", 0)), *constraints(more["where"]) if "where" in more else (),
+        origin=int(more["origin"]) if "origin" in more else None, blocking="blocking" in more,
+        data=json.loads(more["data"]) if "data" in more else None, role=Role(more.get("role", "")),
+        about=int(more.get("about", 0)), to=more.get("to", ""), begins="begins" in more,
+    )  # fmt: skip
+    assert told == int(number), f"that is {told}"
+
+
+def returned(tale: Story, number: str, outcome: str = "done", data: str = "null") -> None:
+    tale.returned(int(number), Outcome(outcome), json.loads(data))
+
+
+def reached(tale: Story, number: str, moments: str) -> None:
+    tale.reached(int(number), *(Moment if moments == "all" else map(moment, moments.split(", "))))
+
+
+def moment(words: str) -> Moment:
+    return Moment[words.upper().replace(" ", "_")]
+
+
+PLACE = r"(?P<module>.+?)(?: / (?P<resource>.+))?"
+JSON = r"(?: with (?P<data>[\[{\"\d-].*?))?"
+RECEIVED = (
+    rf"(?P<kind>{CLASSES}) (?P<message>.+?) \{{(?P<number>\d+)\}} from (?P<sender>.+?)(?: under (?P<parent>\d+))?"
+    r"(?: in (?P<origin>\d+))?(?P<blocking> and waits)?(?: as (?P<role>[a-z ]+) of (?P<about>\d+))?"
+    rf"(?: to (?P<to>.+?)(?P<begins>, and begins)?)?{JSON}(?: where (?P<where>.+))?"
+)
+TOLD: list[tuple[str, Callable[..., object]]] = [
+    (r"see made/(?P<name>\w+)", tell_made),
+    (r"at (?P<time>[\d.]+)", lambda tale, time: tale.at(float(time))),
+    (r"(?P<name>.+?) joins(?:, and handles (?P<handles>.+?))?(?: in (?P<resource>.+))?", joins),
+    (RECEIVED, received),
+    (rf"queued (?P<number>\d+)(?: for {PLACE})?", lambda tale, number, **where: tale.queued(int(number), **where)),
+    (rf"delivered (?P<number>\d+) to {PLACE}", lambda tale, number, **where: tale.delivered(int(number), **where)),
+    (rf"returned (?P<number>\d+)(?:: (?P<outcome>[a-z]+))?{JSON}", returned),
+    (
+        r"failed (?P<number>\d+): (?P<failure>.+?)(?:: (?P<text>.*))?",
+        lambda tale, number, **how: tale.failed(int(number), **how),
+    ),
+    (r"achieved (?P<number>\d+)", lambda tale, number: tale.achieved(int(number))),
+    (r"reached (?P<number>\d+): (?P<moments>.+)", reached),
+    (r"asked by (?P<number>\d+)", lambda tale, number: tale.asked_by(int(number))),
+]
+
+
+def made(*names: str) -> Story:
+    """The story of that name in made/; of several names, one that goes on with the next."""
+    story = Story()
+    for name in names:
+        tell_made(story, name)
+    return story
+
+
+walking = partial(made, "walking")
+stumbling = partial(made, "walking", "stumbling")
+arcs = partial(made, "arcs")
+locking = partial(made, "locking")
 
 
 def stuck(drills: int = 4) -> Story:
@@ -353,11 +333,23 @@ def stuck(drills: int = 4) -> Story:
     return story.returned(mission).at(5.0)
 
 
-def delayed() -> Story:
-    """Candles are lit three seconds after a bell, which is rung at 500 s."""
-    story = Story().module("waiter", "ring bell", "light candles").at(1.0)
-    at_500 = Constraint(Point(TaskId(0), Moment.END_ACHIEVING), Point(THIS, Moment.START_ACHIEVING), 500.25)
-    bell = story.command("ring bell", "user", 0, at_500)
-    later = Constraint(Point(TaskId(bell), Moment.END_ACHIEVING), Point(THIS, Moment.START_ACHIEVING), 3.0)
-    story.command("light candles", "user", 0, later)
-    return story.at(2.0)
+def stepping(steps: int = 3) -> Story:
+    """A robot that plans a step for 1 s and takes it for 2 s: each step's planning is delayed until the one before has
+    been taken. The walk is sent at 1.0, its steps at 1.2 and 1.3; from then on planning and acting alternate.
+    """
+    story = Story().module("user").module("planner", "walk", "step", "errand").module("legs", "move")
+    walk = story.at(1.0).goal("walk", "user", to="planner", begins=True)
+    story.at(1.2)
+    before: list[Constraint] = []
+    sent = []
+    for _ in range(steps):
+        sent.append(story.goal("step", "planner", walk, *before))
+        before = [sequential_achievement(TaskId(sent[-1]), THIS), delay_planning(THIS)]
+    story.queued(sent[0], "planner").at(1.3).returned(walk)
+    for number, step in enumerate(sent):
+        now = round(2.3 + 3.0 * number, 6)
+        story.delivered(step, "planner").reached(step, Moment.START_ACHIEVING)
+        move = story.at(now).command("move", "planner", step, to="legs")
+        story.at(now).returned(step).reached(step, Moment.END_PLANNING)
+        story.at(round(now + 2.0, 6)).achieved(move).reached(step, Moment.END_ACHIEVING)
+    return story.reached(walk, Moment.END_PLANNING, Moment.END_ACHIEVING)

@@ -1,30 +1,26 @@
 """What the tools tell of small runs: each in told/ is told event by event, and asked about in between.
 
     # TITLE
-    at TIME                                   the next event
-    MODULE joins[, and handles MESSAGE, ...][ in RESOURCE]
-    CLASS MESSAGE {ID} from SENDER[ under TASK][ in DELIVERY][ and waits][ as ROLE of ID][ to MODULE[, and begins]]
-        [ with JSON][ where POINT <= POINT, ...]
-    queued ID[ for MODULE[ / RESOURCE]] | delivered ID to MODULE[ / RESOURCE] | returned ID[: OUTCOME][ with JSON]
-    failed ID: FAILURE[: TEXT] | achieved ID | reached ID: MOMENT, ... or all | asked by DELIVERY
-    KIND FIELD=JSON ...                       any other fact
+    a line of a story: see tell()
     ? QUESTION                                and the answers, indented
 
 A run may also be played by central: then each line is a command of its transcripts. See QUESTIONS for what can be asked.
 """
 
-import json
+import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import pairwise
-from typing import Any, get_args
+from itertools import groupby, pairwise
+from operator import attrgetter
+from typing import Any
 
 import msgspec
 from central.transcript import Transcript
-from central.transcript_words import constraints, read_fields
+from click import unstyle
 from tools.runs import checked
-from tools.story import Story
+from tools.story import Story, tell
+from tools.trace_reader import Read, read_trace
 
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares
@@ -38,7 +34,10 @@ from tca_tools.explain.graph import causes
 from tca_tools.explain.story import story
 from tca_tools.explain.wait_words import in_the_end, last_of, reasons
 from tca_tools.export.tables import TABLES, Table
+from tca_tools.export.trace.packets import write_trace
 from tca_tools.gantt.build import chart
+from tca_tools.gantt.chart import Chart
+from tca_tools.gantt.window import ALL, Pick
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fates import begun_again_with, coped_with, fate, hinges, told_to, went_on
 from tca_tools.journal.fold import History
@@ -49,13 +48,11 @@ from tca_tools.log.classic import classic_lines
 from tca_tools.report.contents import contents
 from tca_tools.stats.measure import MessageStats, ResourceStats, Times, measure
 from tca_tools.tasktree_viz.failing import failure_chain
+from tca_tools.tasktree_viz.outline import whole_outline
+from tca_tools.tasktree_viz.text import story_lines, tree_lines
 from tca_tools.tasktree_viz.words import data, note
 from tca_wire.journal import facts
-from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Role
-
-KINDS = {one.__struct_config__.tag: one for one in get_args(facts.Fact)}
-CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
+from tca_wire.points import TaskId
 
 
 def told(text: str) -> str:
@@ -74,73 +71,10 @@ def told(text: str) -> str:
     return "\n".join(lines)
 
 
-# --- a story ---------------------------------------------------------------------------------------------------------
-
-
-def tell(tale: Story, line: str) -> bool:
-    """Tell one line of a story; False if it is none."""
-    for pattern, do in TOLD:
-        if found := re.fullmatch(pattern, line):
-            do(tale, **{name: text for name, text in found.groupdict().items() if text is not None})
-            return True
-    kind = max((one for one in KINDS if line.startswith(f"{one} ")), key=len, default="")
-    if not kind:
-        return False
-    tale.say(KINDS[kind](**read_fields(KINDS[kind], line.removeprefix(kind))))
-    return True
-
-
-def joins(tale: Story, name: str, handles: str = "", resource: str = "") -> None:
-    tale.module(name, *filter(None, handles.split(", ")), resource=resource)
-
-
-def received(tale: Story, kind: str, message: str, number: str, sender: str, **more: str) -> None:
-    told = tale.received(
-        message, MessageClass(kind), sender, int(more.get("parent", 0)), *constraints(more["where"]) if "where" in more else (),
-        origin=int(more["origin"]) if "origin" in more else None, blocking="blocking" in more,
-        data=json.loads(more["data"]) if "data" in more else None, role=Role(more.get("role", "")),
-        about=int(more.get("about", 0)), to=more.get("to", ""), begins="begins" in more,
-    )  # fmt: skip
-    assert told == int(number), f"that is {told}"
-
-
-def returned(tale: Story, number: str, outcome: str = "done", data: str = "null") -> None:
-    tale.returned(int(number), Outcome(outcome), json.loads(data))
-
-
-def reached(tale: Story, number: str, moments: str) -> None:
-    tale.reached(int(number), *(Moment if moments == "all" else map(moment, moments.split(", "))))
-
-
-def moment(words: str) -> Moment:
-    return Moment[words.upper().replace(" ", "_")]
-
-
-PLACE = r"(?P<module>.+?)(?: / (?P<resource>.+))?"
-JSON = r"(?: with (?P<data>[\[{\"\d-].*?))?"
-RECEIVED = (
-    rf"(?P<kind>{CLASSES}) (?P<message>.+?) \{{(?P<number>\d+)\}} from (?P<sender>.+?)(?: under (?P<parent>\d+))?"
-    r"(?: in (?P<origin>\d+))?(?P<blocking> and waits)?(?: as (?P<role>[a-z ]+) of (?P<about>\d+))?"
-    rf"(?: to (?P<to>.+?)(?P<begins>, and begins)?)?{JSON}(?: where (?P<where>.+))?"
-)
-TOLD: list[tuple[str, Callable[..., object]]] = [
-    (r"at (?P<time>[\d.]+)", lambda tale, time: tale.at(float(time))),
-    (r"(?P<name>.+?) joins(?:, and handles (?P<handles>.+?))?(?: in (?P<resource>.+))?", joins),
-    (RECEIVED, received),
-    (rf"queued (?P<number>\d+)(?: for {PLACE})?", lambda tale, number, **where: tale.queued(int(number), **where)),
-    (rf"delivered (?P<number>\d+) to {PLACE}", lambda tale, number, **where: tale.delivered(int(number), **where)),
-    (rf"returned (?P<number>\d+)(?:: (?P<outcome>[a-z]+))?{JSON}", returned),
-    (
-        r"failed (?P<number>\d+): (?P<failure>.+?)(?:: (?P<text>.*))?",
-        lambda tale, number, **how: tale.failed(int(number), **how),
-    ),
-    (r"achieved (?P<number>\d+)", lambda tale, number: tale.achieved(int(number))),
-    (r"reached (?P<number>\d+): (?P<moments>.+)", reached),
-    (r"asked by (?P<number>\d+)", lambda tale, number: tale.asked_by(int(number))),
-]
-
-
 # --- questions -------------------------------------------------------------------------------------------------------
+
+
+SECOND = 1_000_000_000
 
 
 def answers(entries: list[facts.Entry], question: str) -> list[str]:
@@ -284,14 +218,54 @@ def advice(run: Run) -> list[str]:
     return told
 
 
-def bars(run: Run) -> list[str]:
-    """The bars of the chart: where, how they end, what they say when pointed at, and their marks."""
-    told = []
-    for row in chart(run).rows:
-        for bar in (*row.queued, *row.handled):
-            told.append(f"{bar.start:g} to {bar.end:g} {bar.ending.name if bar.ending else '-'}: {bar.title()}")
-            told += [f"  {mark.time:g} {mark.title}" for mark in bar.marks]
-    return told
+def bars(run: Run, number: int | None = None, at: float | None = None) -> list[str]:
+    """The chart, with what holds one message; from a moment on."""
+    return list(all_of_a_chart(chart(run, at, pick=ALL if number is None else Pick(held={number}))))
+
+
+def all_of_a_chart(drawing: Chart) -> Iterator[str]:
+    yield f"{drawing.start:.2f} to {drawing.end:.2f}: {', '.join(drawing.names)}"
+    for row in drawing.rows:
+        yield f"{row.label}, connected {row.connected}"
+        for bar in (*row.bars, *row.claims):
+            end = "open" if bar.is_open else bar.ending
+            yield f"  {bar.kind} {bar.lane} {bar.name} {bar.start} {bar.end} {end}: {bar.title()}".replace(" : ", ": ")
+            yield from (f"    {mark.time} {mark.ending}: {mark.title}" for mark in bar.marks)
+            yield from (f"    {wait.start} {wait.end}: {wait.title()}" for wait in bar.waits)
+            yield from [f"    {bar.words(200)}"] * (bar.why is not None)
+
+
+def trace_of(run: Run) -> Read:
+    """The Perfetto trace of a run, read back."""
+    stream = io.BytesIO()
+    write_trace(run, stream)
+    return read_trace(stream.getvalue())
+
+
+def all_of_a_trace(read: Read) -> Iterator[str]:
+    """Its tracks with their slices, arrows, counters."""
+    for track, slices in groupby(
+        sorted(read.slices, key=attrgetter("track", "lane", "start")), key=attrgetter("track")
+    ):
+        yield track
+        for one in slices:
+            until = "" if one.end == one.start else " on" if one.end is None else f" to {one.end / SECOND:.3f}"
+            details = ", ".join(f"{key}: {value}" for key, value in one.details.items())
+            yield f"{'  ' * (one.depth + 1)}{one.start / SECOND:.3f}{until} {one.category}: {one.name}; {details}"
+    for number, stations in sorted(read.flows.items()):
+        yield f"arrow {number}: {' -> '.join(f'{one.name} ({one.track})' for one in stations)}"
+    for counter, values in read.counters.items():
+        yield f"{counter}: {', '.join(f'{number} at {time / SECOND}' for time, number in values)}"
+
+
+def tree(run: Run, at: float | None = None) -> list[str]:
+    then = at_moment(run, at)
+    return [unstyle(line) for line in tree_lines(then, whole_outline(then), width=None)]
+
+
+def shown(run: Run, number: int) -> list[str]:
+    """A story as it is printed."""
+    return [line for text in story_lines(run, TaskId(number), 200) for line in unstyle(text).splitlines()]
 
 
 def in_short(run: Run) -> list[str]:
@@ -396,7 +370,7 @@ OF_ENTRIES: dict[str, Callable[[list[facts.Entry]], list[str]]] = {
 QUESTIONS: dict[str, Callable[..., list[str]]] = {
     "story": story_of, "row": row, "states": states, "end": end, "causes": all_causes, "chain": chain, "failures": all_failures,
     "fate": fate_of, "coped": coped, "path": path, "shares": where_time_went, "waits": waits, "reasons": all_reasons,
-    "advice": advice, "bars": bars, "summary": in_short, "runs": runs, "uses": all_uses, "life": life,
+    "advice": advice, "bars": bars, "tree": tree, "shown": shown, "trace": lambda run: list(all_of_a_trace(trace_of(run))), "summary": in_short, "runs": runs, "uses": all_uses, "life": life,
     "messages": messages, "waited": waited, "figures": figures,
     **{f"table_{table.name}": partial(rows, table) for table in TABLES},
 }  # fmt: skip

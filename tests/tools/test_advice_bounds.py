@@ -10,8 +10,7 @@ from central.player import Player
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
-from tools.made_robots import looking_ahead, stepping
-from tools.story import THIS, Story
+from tools.story import THIS, Story, made, stepping
 
 from tca_central.events import ConnectionId, RequestReceived, Transmit
 from tca_tools.analysis.advice import advice
@@ -286,5 +285,5 @@ def test_each_plan_but_the_first_could_have_been_made_while_the_step_before_was_
     (overlap,) = found_in(stepping().fold())
     assert [(round(one.start, 6), round(one.end, 6)) for one in overlap.chances] == [(4.3, 5.3), (7.3, 8.3)]
     assert overlap.saving == pytest.approx(2.0)
-    slow, fast = (summary(story.fold()).seconds for story in (stepping(), looking_ahead()))
+    slow, fast = (summary(story.fold()).seconds for story in (stepping(), made("looking_ahead")))
     assert slow - fast == pytest.approx(overlap.saving)

@@ -16,21 +16,20 @@ from properties.life import Life, Operations, operations
 from properties.test_late_taps import CheckedLife
 from sampling import lives
 from tools.runs import OPENED, TRANSCRIPTS, Change, changed, checked, lost, played, twice, walk
-from tools.story import THIS, Story, stumbling
+from tools.story import stumbling
 
 from tca_central.order.holds import Holds
 from tca_central.requests import joining
 from tca_central.watching import taps
 from tca_tools.check import rules
 from tca_tools.check.checked_run import CheckedRun
-from tca_wire.constraints import Constraint, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, kind_of
 from tca_wire.packets import headers
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.parts import MessageFormat, WatchOptions
-from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, Moment, Point, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.points import START_HANDLING, TaskId
+from tca_wire.vocabulary import MessageClass
 
 WALK = walk()
 
@@ -113,35 +112,6 @@ def test_an_event_in_the_wrong_place_is_found() -> None:
         assert checked([*WALK[:number], WALK[number + 1], WALK[number], *WALK[number + 2 :]])
 
 
-def _told(story: Story) -> list[str]:
-    return [violation.rule for violation in checked(story.entries)]
-
-
-def _two_legs(story: Story, constraint: Constraint | None = None) -> tuple[int, int]:
-    story.module("user").module("planner", "walk").module("legs", "move")
-    goal = story.goal("walk", "user", to="planner", begins=True)
-    story.say(facts.ResourceChanged("legs", "legs", 2))
-    one = story.command("move", "planner", goal, to="legs")
-    return one, story.command("move", "planner", goal, *[constraint] if constraint else [])
-
-
-def test_a_task_that_does_not_wait_for_the_one_before_it() -> None:
-    story = Story()
-    _, second = _two_legs(story, sequential_achievement(TaskId(2), THIS))
-    assert _told(story.at(1.0)) == []
-    story.delivered(second, "legs")
-    assert _told(story)[0] == rules.CONSTRAINT.text
-
-
-def test_a_reply_that_was_there_is_waited_for() -> None:
-    story = Story().module("user").module("legs", "where")
-    where = story.received("where", MessageClass.QUERY, "user", to="legs")
-    story.at(1.0).say(facts.Awaited(where))
-    assert _told(story) == []
-    story.at(2.0).returned(where).say(facts.Answered(where)).at(3.0).say(facts.Awaited(where))
-    assert _told(story) == [rules.ENDED.text]
-
-
 @pytest.mark.parametrize("missing", [facts.WaitBegan, facts.WaitEnded])
 def test_a_wait_for_changes_begins_and_ends(missing: type[facts.Fact]) -> None:
     player = Player.of("legs: command move", "user")
@@ -153,56 +123,6 @@ def test_a_wait_for_changes_begins_and_ends(missing: type[facts.Fact]) -> None:
     assert checked(entries) == []
     left = [replace(entry, facts=[one for one in entry.facts if not isinstance(one, missing)]) for entry in entries]
     assert {violation.rule for violation in checked(left)} == {rules.WAITS.text}
-
-
-def test_a_delay_that_is_cut_short() -> None:
-    story = Story()
-    delay = Constraint(Point(ROOT, Moment.START_ACHIEVING), Point(THIS, Moment.START_ACHIEVING), 5.0)
-    _, second = _two_legs(story, delay)
-    held = Constraint(delay.before, Point(TaskId(second), Moment.START_ACHIEVING), 5.0)
-    story.at(4.0).say(facts.TimedOut(held)).delivered(second, "legs")
-    assert _told(story) == [rules.DELAY.text]
-
-
-def test_a_resource_over_its_capacity() -> None:
-    story = Story().module("user").module("legs", "move")
-    one, other = story.command("move", "user"), story.command("move", "user")
-    story.delivered(one, "legs").delivered(other, "legs")
-    assert _told(story) == [rules.CAPACITY.text]
-
-
-def test_a_message_that_waits_while_its_handler_has_nothing_to_do() -> None:
-    story = Story().module("user").module("legs", "move")
-    story.queued(story.command("move", "user"), "legs")
-    assert _told(story) == [rules.FREE.text]
-
-
-def test_a_message_is_given_to_a_handler_that_is_gone_unless_it_had_that_ahead() -> None:
-    for is_ahead in (False, True):
-        story = Story().module("user").module("legs", "where")
-        first, second = (story.received("where", MessageClass.QUERY, "user") for _ in range(2))
-        story.queued(second, "legs").delivered(first, "legs")
-        story.at(1.0).say(*[facts.Recalling("legs", "legs")] * is_ahead, facts.HandlerRemoved("where", "legs"))
-        story.at(2.0).returned(first).say(facts.Answered(first)).delivered(second, "legs")
-        assert _told(story) == ([] if is_ahead else [rules.HANDLES.text])
-
-
-def test_somebody_gets_into_what_is_locked() -> None:
-    story = Story().module("user").module("legs", "move")
-    story.say(facts.Claimed(1, "legs", "legs", False, "user", 0), facts.Granted(1))
-    story._next_id = 2
-    story.at(1.0).delivered(story.command("move", "user"), "legs")
-    assert _told(story) == [rules.LOCKED.text]
-    story.say(facts.ClaimEnded(1, "released"), facts.ClaimEnded(1, "released"))
-    assert _told(story) == [rules.LOCKED.text, rules.GRANTED.text]
-
-
-def test_a_parent_that_ends_before_its_child() -> None:
-    story = Story()
-    one, _ = _two_legs(story)
-    story.at(1.0).returned(1).reached(1, Moment.END_PLANNING, Moment.END_ACHIEVING)
-    broken = [violation for violation in checked(story.entries) if violation.rule == rules.FAMILY.text]
-    assert f"before move {{{one}}}, which is under it" in broken[0].what
 
 
 def test_a_monitor_that_keeps_what_it_watches_over() -> None:
@@ -218,39 +138,6 @@ def test_a_monitor_that_keeps_what_it_watches_over() -> None:
     (broken,) = checked([*before, replace(last, facts=last.facts[:ending])])
     text = f"watch {{{monitor}}} still watches, and walk {{{walk}}} waits for nothing else"
     assert (broken.rule, broken.what) == (rules.KEPT.text, text)
-
-
-def test_a_failure_that_nobody_cares_for() -> None:
-    story = Story().module("user").module("legs", "move")
-    move = story.command("move", "user", to="legs")
-    story.at(1.0).say(facts.Returned(move, Outcome.FAILED, b""), facts.Failed(move, "slip", ""))
-    assert _told(story) == [rules.CAUGHT.text]
-
-
-def test_what_happens_after_the_end() -> None:
-    story = Story().module("user").module("legs", "move")
-    move = story.command("move", "user", to="legs")
-    story.at(1.0).achieved(move)
-    story.at(2.0).say(facts.Killed(TaskId(move), "late")).say(facts.Returned(move, Outcome.DONE, b""))
-    assert _told(story) == [rules.ENDED.text, rules.ENDED.text]
-
-
-def test_what_was_never_sent() -> None:
-    story = Story().module("user").module("legs", "move")
-    story.command("move", "user")
-    story.delivered(1, "legs").say(facts.Reached(TaskId(9), ALL_MOMENTS))
-    assert _told(story) == [rules.KNOWN.text]
-
-
-def test_a_module_that_is_not_there() -> None:
-    story = Story()
-    story.received("note", MessageClass.INFORM, "ghost")
-    assert rules.PRESENT.text in _told(story)
-
-
-def test_a_clock_that_goes_back() -> None:
-    story = Story().at(5.0).module("user").at(4.0).module("legs")
-    assert _told(story) == [rules.CLOCK.text]
 
 
 # --- journals of which something is missing --------------------------------------------------------------------------

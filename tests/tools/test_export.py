@@ -6,6 +6,7 @@ import json
 import shutil
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,7 +17,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from pyarrow import parquet
-from tools.story import QUERY, Story, locking, silent_for, stuck, stumbling, walking
+from tools.story import Story, locking, made, silent_for, stuck, stumbling, walking
 from tools.test_history import FACTS
 from tools.trace_reader import read_trace
 
@@ -166,7 +167,7 @@ def test_any_facts_at_all_are_exported_and_measured(told: list[facts.Fact]) -> N
         for name in FORMATS:
             assert exported(run, "--to", name, "-o", Path(folder) / name).output == ""
         assert CliRunner().invoke(stats, [str(run)]).exit_code == 0
-        read_trace(Path(folder) / "perfetto", is_nonsense=True)
+        read_trace((Path(folder) / "perfetto").read_bytes(), is_nonsense=True)
 
 
 @pytest.mark.parametrize(
@@ -238,12 +239,12 @@ def table(folder: Path, name: str) -> list[dict[str, Any]]:
 def test_a_trace_lasts_until_now(tca: Tca, quiet: Path, tmp_path: Path) -> None:
     with silent_for(quiet, NOW - 4.0):
         assert not tca("export", quiet, "-o", tmp_path / "live.pftrace").exit_code
-    (here,) = read_trace(tmp_path / "live.pftrace").on("run")
+    (here,) = read_trace((tmp_path / "live.pftrace").read_bytes()).on("run")
     assert here.name == "still running"
     assert here.start >= NOW * 1e9
     assert here.details == {"last entry": 4.0}
     assert not tca("export", quiet, "-o", tmp_path / "over.pftrace").exit_code
-    assert not read_trace(tmp_path / "over.pftrace").on("run")
+    assert not read_trace((tmp_path / "over.pftrace").read_bytes()).on("run")
 
 
 def test_an_mcap_file_lasts_until_now(tca: Tca, quiet: Path, tmp_path: Path) -> None:
@@ -292,15 +293,7 @@ def test_the_chart_of_a_run_in_which_nothing_is_done_any_more_ends_with_what_was
     assert "0.98 to 2.00 s" in tca("gantt", run).stdout
 
 
-def wondering() -> Story:
-    """The handler of a goal waits for a question that nobody handles."""
-    story = Story().module("shop", "restock").at(1.0)
-    goal = story.goal("restock", "user", to="shop")
-    question = story.at(2.0).received("ask supplier", QUERY, "shop", origin=goal)
-    return story.queued(question).say(facts.WaitBegan("shop", goal, TaskId(question), 0))
-
-
-@pytest.mark.parametrize("tale", [wondering, stuck, stumbling])
+@pytest.mark.parametrize("tale", [partial(made, "wondering"), stuck, stumbling])
 def test_what_is_told_is_the_same(tale: Callable[[], Story], tca: Tca, tmp_path: Path) -> None:
     logs = [
         tale().at(20.0).say(*ended).write(tmp_path / name / "run")
@@ -320,7 +313,7 @@ def test_what_is_told_is_the_same(tale: Callable[[], Story], tca: Tca, tmp_path:
 
 
 def test_why_it_stands_is_said(tca: Tca, tmp_path: Path) -> None:
-    log = wondering().at(80.0).say(facts.Closed("interrupted")).write(tmp_path / "run")
+    log = made("wondering").at(80.0).say(facts.Closed("interrupted")).write(tmp_path / "run")
     assert "waits for the reply to ask supplier {2} (no module handles it), for 78 s" in tca("tree", log).stdout
 
 

@@ -8,14 +8,14 @@ from typing import Any
 import msgspec
 import pytest
 from mcap.reader import make_reader
-from tools.made_robots import replacing
-from tools.story import Story, stumbling, walking
+from tools.story import Story, made, stumbling, walking
 
 from tca_tools.export.mcap_file import write_mcap
 from tca_tools.export.schemas import object_schema, plain_schema
 from tca_wire.journal import facts
 from tca_wire.messages.schemas import schema_text
-from tca_wire.vocabulary import MessageClass
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import MessageClass, Party
 
 SECOND = 1_000_000_000
 BEGAN = 1_700_000_000 * SECOND
@@ -145,7 +145,7 @@ def test_tasks_and_resources_over_time() -> None:
 
 @pytest.mark.parametrize("top_fails", [False, True])
 def test_a_failure_says_whether_the_run_went_on_after_it(*, top_fails: bool) -> None:
-    topics = topics_of(replacing(top_fails=top_fails))
+    topics = topics_of(made("not_replaced" if top_fails else "replaced"))
     told = [row["handled"] for row in topics["/tca/tasks"].contents if row["failure"]]
     assert set(told) == {not top_fails}
     assert all("handled" not in row for row in topics["/tca/tasks"].contents if not row["failure"])
@@ -163,6 +163,17 @@ def test_all_facts_are_there_as_rows_and_as_a_log() -> None:
     assert errors[0]["timestamp"] == {"sec": 1_700_000_004, "nsec": 500_000_000}
     assert errors[0]["message"].startswith("failed: move body {7}")
     assert topics["/tca/facts"].contents[0]["kind"] == "opened"
+
+
+def test_the_progress_of_a_task_has_a_topic() -> None:
+    story = Story().module("arm", "grasp").at(1.0)
+    grasp = TaskId(story.command("grasp", "planner", to="arm"))
+    for force in (2, 3):
+        body = msgspec.msgpack.encode({"force": force})
+        step = facts.StateChanged(grasp, "result available", "running", force, Party.SERVER, "arm", "", body)
+        story.at(float(force)).say(step)
+    told = topics_of(story)["/progress/grasp"]
+    assert (told.times, [one["data"]["force"] for one in told.contents]) == ([2.0, 3.0], [2, 3])
 
 
 def test_entries_of_one_time_keep_their_order() -> None:

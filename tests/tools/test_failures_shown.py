@@ -10,14 +10,11 @@ import pytest
 from central.player import Player
 from click.testing import Result
 from tools.deliveries import written
-from tools.made_robots import fail, replacing
-from tools.runs import OPENED, checked, encoded
-from tools.story import Story
+from tools.runs import OPENED, checked
+from tools.story import Story, made, stumbling
 
 from tca_tools.analysis.summary import summary
 from tca_tools.check import rules
-from tca_tools.explain.story import story
-from tca_tools.export.tables import TABLES
 from tca_tools.export.trace.tracks import of_handling, of_task
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.chart import Ending
@@ -33,7 +30,6 @@ from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.panes import colour_of
 from tca_tools.replay.recording import Recording
 from tca_tools.report.tree import tree
-from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
@@ -55,7 +51,7 @@ YELLOW, RED = "\x1b[33m", "\x1b[31m"
 
 @pytest.mark.parametrize("top_fails", [False, True])
 def test_what_failed_and_was_handled_is_amber_everywhere(*, top_fails: bool) -> None:
-    told = replacing(top_fails=top_fails)
+    told = made("not_replaced" if top_fails else "replaced")
     run, word, colour = told.fold(), "failed" if top_fails else HANDLED, RED if top_fails else YELLOW
     at, rows = RunAt(run), whole_outline(RunAt(run))
     assert at.tasks[STEP].standing == word
@@ -78,23 +74,12 @@ def test_what_failed_and_was_handled_is_amber_everywhere(*, top_fails: bool) -> 
 
 def test_a_report_shows_it_too(tca: Tca, tmp_path: Path) -> None:
     out = tmp_path / "run.html"
-    assert not tca("report", replacing().write(tmp_path / "walk"), "-o", out).exit_code
+    assert not tca("report", made("replaced").write(tmp_path / "walk"), "-o", out).exit_code
     assert '<span class="r-tag s-handled">1 failed (handled)</span>' in out.read_text()
 
 
-def recovering() -> Story:
-    """A move {1} slips at 2 s; recover {2} can't deal with that, and recover {3} is called at 3 s. It is 4.5 s."""
-    told = Story().module("legs", "move").module("expert", "recover").at(1.0)
-    move = told.command("move", "user", to="legs")
-    told.at(2.0)
-    fail(told, move, "slip", "on ice")
-    told.rescued(move, "recover", "expert")
-    told.at(3.0).rescued(move, "recover", "expert")
-    return told.at(4.5)
-
-
 def test_who_recovers_says_who_works_on_it_and_for_how_long(tca: Tca, tmp_path: Path) -> None:
-    folder = recovering().write(tmp_path / "walk")
+    folder = made("in_recovery").write(tmp_path / "walk")
     line = tca("tree", folder).stdout.splitlines()[2]
     assert line.endswith("slip: on ice; waits until recover {3} has dealt with its failure, for 1.5 s")
     assert (
@@ -102,22 +87,13 @@ def test_who_recovers_says_who_works_on_it_and_for_how_long(tca: Tca, tmp_path: 
         .stdout.splitlines()[2]
         .endswith("slip: on ice; waits until recover {2} has dealt with its failure, for 500 ms")
     )
-    at = RunAt(recovering().fold())
+    at = RunAt(made("in_recovery").fold())
     assert "recovering, slip: on ice; waits until recover {3}" in outline_svg(at, whole_outline(at), "")
-
-
-def test_a_journal_that_begins_in_the_midst_knows_of_nobody() -> None:
-    told = recovering()
-    for entry in told.entries:
-        entry.facts[:] = [one for one in entry.facts if getattr(one, "task", getattr(one, "id", 1)) == 1]
-    at = RunAt(told.fold())
-    line = next(line for line in tree_lines(at, whole_outline(at)) if line.startswith("move {1}"))
-    assert "slip: on ice; waits until somebody has dealt with its failure" in line
 
 
 @pytest.mark.parametrize("width", [10, 40, 49, 79])
 def test_on_a_narrow_terminal_the_tree_has_room(tca: Tca, tmp_path: Path, width: int) -> None:
-    folder, columns = replacing().write(tmp_path / "walk"), {"COLUMNS": str(width)}
+    folder, columns = made("replaced").write(tmp_path / "walk"), {"COLUMNS": str(width)}
     lines = tca("tree", folder, **columns).stdout.splitlines()
     assert max(map(len, lines)) <= width
     assert lines[2].startswith("wal")
@@ -140,143 +116,33 @@ def test_deep_trees_keep_names_on_a_narrow_terminal(tca: Tca, tmp_path: Path) ->
 # --- failures that are raised beside the handler ---------------------------------------------------------------------
 
 
-COMMAND = "tca raise#7"
-
-
-def late() -> Story:
-    """A move is too slow at 3 s, and somebody makes the same of one that waits, at 4 s; the handler goes on until 9 s."""
-    told = Story().module("legs", "move").at(1.0)
-    move = told.command("move", "user", to="legs")
-    told.at(3.0).say(facts.Failed(move, "timeout", "late", is_beside=True, by="central"))
-    told.queued(told.command("move", "user"), "legs").at(4.0)
-    slip = facts.Failed(2, "slip", "on ice", is_beside=True, by=COMMAND, body=b"\x07")
-    return told.say(slip).at(9.0).returned(move)
-
-
 def test_charts_mark_the_moment() -> None:
-    made = chart(late().fold())
-    (row,) = made.rows
+    drawn = chart(made("failed_beside").fold())
+    (row,) = drawn.rows
     assert [mark.time for bar in row.handled for mark in bar.marks] == [3.0]
     (mark,) = row.queued[0].marks
     assert mark.title == "move {2} failed at 4.000 s: slip: on ice (raised by the command 'tca raise')"
-    picture = svg_text(made, "late")
+    picture = svg_text(drawn, "late")
     assert mark.title.replace("'", "&#x27;") in picture
     assert "failure raised beside the handler" in picture
-    lines = list(chart_lines(made, 100))
+    lines = list(chart_lines(drawn, 100))
     axis, handled, queued, *_ = (line for line in lines if "!" in line or "~" in line)
     assert axis.startswith("legs")
     assert lines[-1].endswith("handled") or "raised beside the handler" in lines[-1]
     assert handled != queued
 
 
-def test_the_story_tells_who_raised_it_and_with_which_data(tmp_path: Path) -> None:
-    history = History()
-    for entry in open_log(late().write(tmp_path / "late")):
-        history.apply(entry)
-    assert [one.text for one in story(history, 2) if one.time == 4.0] == [
-        "failed: slip: on ice (raised by the command 'tca raise')",
-        "the failure's data: 7",
-    ]
-    assert "failed: timeout: late" in [one.text for one in story(history, 1)]  # central's own: its text tells
-
-
-# --- the data of a failure are no result -----------------------------------------------------------------------------
-
-
-SLIP = {"z": 1.5}
-
-
-def slipping() -> tuple[Player, int]:
-    """A move with data 7, whose handler failed with data; an exception handler has been called."""
-    player = Player.of("legs: command move", "expert: exception handler recover", "user")
-    player.request("user", headers.Attach, Attachment("slip", "recover", 1), TaskId(0), "move")
-    move = player.task("user", "move")
-    player.tick(1.0)
-    slip = headers.Fail(player.delivered("legs/1")[-1], "slip", "on ice")
-    player.receive("legs/1", slip, msgspec.msgpack.encode(SLIP))
-    return player, move
-
-
-def retry(player: Player, move: int) -> None:
-    player.tick(1.0)
-    player.request("expert/1", headers.Retry, TaskId(move))
-
-
-def entries(player: Player) -> list[Entry]:
-    return [OPENED, *player.entries]
-
-
-def fold(player: Player) -> History:
-    return History.until(entries(player))
-
-
-def test_it_is_no_result() -> None:
-    player, move = slipping()
-    history = fold(player)
-    task = history.tasks[move]
-    assert (task.result, msgspec.msgpack.decode(task.failure_data)) == (b"", SLIP)
-    assert words.data(RunAt(history).tasks[move]) == '7 failed with {"z": 1.5}'
-    assert [one.text for one in story(history, move)][-3:-1] == [
-        'the failure\'s data: {"z": 1.5}',
-        "exception handler recover {3} was called in expert",
-    ]
-
-
-def test_it_is_gone_as_soon_as_the_task_is_retried() -> None:
-    player, move = slipping()
-    failed = fold(player).time
-    retry(player, move)
-    history = fold(player)
-    assert not history.tasks[move].handling  # the exception handler has not returned yet
-    assert (history.tasks[move].failure, history.tasks[move].failure_data) == ("", b"")
-    assert words.data(RunAt(history).tasks[move]) == "7"
-    player.reply("expert/1")
-    player.reply("legs/1", value="there")
-    history = fold(player)
-    assert words.data(RunAt(history).tasks[move]) == '7 -> "there"'
-    assert words.data(RunAt(history, failed).tasks[move]) == '7 failed with {"z": 1.5}'
-    assert [one.text for one in story(history, move)].count('the failure\'s data: {"z": 1.5}') == 1
-
-
-def test_the_result_of_a_handler_that_ran_before_the_retry_is_void() -> None:
-    player = Player.of("planner: goal walk", "legs: command move", "expert: exception handler recover", "user")
-    walk = player.task("user", "walk")
-    player.request("user", headers.Attach, Attachment("slip", "recover", 1), TaskId(walk))
-    move = player.task("planner/1", "move", under=walk)
-    player.reply("planner/1", value="planned")
-    assert words.data(RunAt(fold(player)).tasks[walk]) == '7 -> "planned"'
-    player.fail("legs/1", "slip")
-    retry(player, walk)
-    assert fold(player).tasks[walk].result == b""
-    player.reply("expert/1")
-    slip = headers.Fail(player.delivered("planner/1")[-1], "lost", "in fog")
-    player.receive("planner/1", slip, msgspec.msgpack.encode(SLIP))
-    assert words.data(RunAt(fold(player)).tasks[walk]) == '7 failed with {"z": 1.5}'
-    assert fold(player).tasks[move].killed
-
-
-@pytest.fixture
-def run(tmp_path: Path) -> Path:
-    path = tmp_path / "slip.tcaj"
-    path.write_bytes(encoded(entries(slipping()[0])))
-    return path
-
-
-def test_exports_and_the_page_say_so(run: Path) -> None:
-    player, move = slipping()
-    history = fold(player)
-    task = history.tasks[move]
+def test_exports_and_the_page_tell_the_data_of_a_failure_apart(run: Path) -> None:
+    history, force = stumbling().fold(), {"force": 812.0}
+    task = history.tasks[TaskId(7)]
     for details in (of_task(history, task), of_handling(history, task.handlings[0])):
-        assert (details["result"], details["failure data"]) == (None, SLIP)
-    messages = next(table for table in TABLES if table.name == "messages")
-    row = dict(zip(messages.columns, next(iter(messages.rows(history))), strict=True))
-    assert (row["result"], json.loads(row["failure_data"])) == (None, SLIP)
+        assert (details["result"], details["failure data"]) == (None, force)
     reading = Reading(open_log(run))
     for entry in open_log(run):
         reading.feed.apply(entry)
-    answer = message_answer(reading, move, history.time)
+    answer = message_answer(reading, 7, history.time)
     assert answer is not None
-    assert (answer["result"], answer["failureData"]) == ("", '{"z": 1.5}')
+    assert (answer["result"], answer["failureData"]) == ("", json.dumps(force))
 
 
 # --- A run of five programs that fails: a failure that was only observed, and two that were resolved, in every tool

@@ -1,43 +1,29 @@
 """``tca gantt``: which bars a chart has, what they tell, from when until when it goes, and the chart as text."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
-import msgspec
 import pytest
 from click.testing import Result
-from tools.story import COMMAND, QUERY, THIS, Story, locking, silent_for, stumbling, walking
+from tools.story import COMMAND, THIS, Story, locking, made, silent_for, stumbling, walking
+from tools.telling import all_of_a_chart
 
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.blocks import in_blocks, queue_lengths, share_of
-from tca_tools.gantt.build import NO_HANDLER, SUSPENDED, chart
+from tca_tools.gantt.build import SUSPENDED, chart
 from tca_tools.gantt.chart import BarKind, Chart, ResourceRow
 from tca_tools.gantt.text import chart_lines
 from tca_tools.gantt.window import ALL, Pick
 from tca_tools.journal.fold import History
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
-from tca_wire.points import ROOT, Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome
-from tca_wire.waits import WaitKind
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass
 
 Tca = Callable[..., Result]
 Expect = Callable[[str, str], None]
 NOW = 1000.0
-
-
-def told(drawing: Chart) -> Iterator[str]:
-    """All that a chart has."""
-    yield f"{drawing.start:.2f} to {drawing.end:.2f}: {', '.join(drawing.names)}"
-    for row in drawing.rows:
-        yield f"{row.label}, connected {row.connected}"
-        for bar in (*row.bars, *row.claims):
-            end = "open" if bar.is_open else bar.ending
-            yield f"  {bar.kind} {bar.lane} {bar.name} {bar.start} {bar.end} {end}: {bar.title()}".replace(" : ", ": ")
-            yield from (f"    {mark.time} {mark.ending}: {mark.title}" for mark in bar.marks)
-            yield from (f"    {wait.start} {wait.end}: {wait.title()}" for wait in bar.waits)
-            yield from [f"    {bar.words(200)}"] * (bar.why is not None)
 
 
 def labels(drawing: Chart) -> list[str]:
@@ -57,7 +43,7 @@ def test_all_bars(expect: Expect) -> None:
         chart(locking().fold()),
         chart(walking().fold(), pick=Pick(messages={2, 3}, beside={5}, held={3})),
     ]
-    expect("gantt_bars", "\n".join(line for drawing in drawings for line in told(drawing)) + "\n")
+    expect("gantt_bars", "\n".join(line for drawing in drawings for line in all_of_a_chart(drawing)) + "\n")
 
 
 def test_the_chart_as_text(tca: Tca, run: Path, tmp_path: Path, expect: Expect) -> None:
@@ -73,18 +59,6 @@ def test_the_chart_as_text(tca: Tca, run: Path, tmp_path: Path, expect: Expect) 
 
 
 # --- rows and bars ----------------------------------------------------------------------------------------------------
-
-
-def test_rows_of_a_module_stand_together_and_what_is_no_modules_below() -> None:
-    story = Story().module("oven", "heat").module("store", "fetch").at(1.0)
-    for module, resource in [("oven", "chamber"), ("store", "phone"), ("oven", "meter")]:
-        story.delivered(story.command("bake", "user"), module, resource)
-    story.queued(story.command("fly", "user"))
-    story.say(facts.SuspendedOrResumed(TaskId(story.command("mop", "user")), True)).at(2.0)
-    rows = labels(chart(story.fold()))
-    used = ["oven / chamber", "oven / meter", "store / phone"]
-    assert [label for label in rows if label in used] == used
-    assert rows[-2:] == [SUSPENDED, NO_HANDLER]
 
 
 def test_a_module_that_handled_nothing_has_a_row_that_says_since_when_it_was_there(tca: Tca, tmp_path: Path) -> None:
@@ -103,54 +77,15 @@ def test_a_module_that_handled_nothing_has_a_row_that_says_since_when_it_was_the
     assert asked[3] == "user  " + "_" * 46
 
 
-def test_bars_that_overlap_in_one_resource_have_lanes() -> None:
-    story = Story().module("map", "where")
-    ids = [story.received("where", QUERY, "x") for _ in range(4)]
-    for time, number in enumerate(ids):
-        story.at(float(time)).delivered(number, "map")
-        if time >= 2:
-            story.returned(ids[time - 2])
-    bars = [(round(bar.start), bar.end, bar.lane) for bar in row_of(story.at(9.0), "map").handled]
-    assert bars == [(0, 2, 0), (1, 3, 1), (2, 9, 0), (3, 9, 1)]
-
-
 def test_a_part_of_the_time_keeps_the_colours() -> None:
     whole, part = chart(stumbling().fold()), chart(stumbling().fold(), 3.0, 4.0)
     assert part.names == whole.names == ["traverse arc", "take steps", "elevation map", "move leg", "move body"]
     assert [len(row.handled) for row in part.rows] == [1, 0, 0, 2]
 
 
-def test_a_row_only_of_what_is_not_shown_is_left_out() -> None:
-    story = Story().module("legs", "walk")
-    story.queued(story.goal("dance", "x")).at(1.0).delivered(1, "legs").at(9.0)
-    assert labels(chart(story.fold())) == ["legs", NO_HANDLER]
-    assert labels(chart(story.fold(), start=2.0)) == ["legs"]
-
-
-def test_broadcasts_are_told_apart_by_receiver() -> None:
-    story = Story().module("map", "pose").module("screen", "pose")
-    pose = story.received("pose", MessageClass.BROADCAST, "legs")
-    story.say(facts.Delivered(2, pose, "map", "map"), facts.Delivered(3, pose, "screen", "screen")).at(1.0)
-    assert [(bar.name, bar.start, bar.end) for bar in row_of(story, "screen").handled] == [("pose", 0.0, 1.0)]
-
-
-def test_a_lock_is_in_the_row_of_the_copy_that_it_was_asked_of() -> None:
-    """It is for all of them, yet one row shows it, as the journal says."""
-    story = Story().module("legs", "move").module("legs#2", "move").module("eyes").at(1.0)
-    story.say(facts.Claimed(90, "legs#2", "legs#2", False, "eyes", TaskId(0)), facts.Granted(90))
-    story.at(3.0).say(facts.ClaimEnded(90, "released"))
-    assert {row.label: len(row.claims) for row in chart(story.fold()).rows} == {"legs": 0, "legs#2": 1}
-
-
-def test_a_suspended_task_is_its_modules_who_would_have_handled_it_even_when_that_has_left() -> None:
-    story = Story().module("legs", "move", resource="left").at(0.5).module("wheels", "move")
-    move = story.at(1.0).command("move", "x")
-    story.say(facts.SuspendedOrResumed(TaskId(move), True)).at(3.0).say(facts.SuspendedOrResumed(TaskId(move), False))
-    story.at(4.0)
-    for name in ("wheels", "legs"):
-        story.say(facts.HandlerRemoved("move", name), facts.ModuleLeft(name, "it said goodbye"))
-    late = story.command("move", "x")
-    run = story.say(facts.SuspendedOrResumed(TaskId(late), True)).at(5.0).fold()
+def test_a_suspended_task_is_in_the_row_of_its_module() -> None:
+    """That would have handled it, even when it has left."""
+    run = made("suspended_for_wheels").fold()
 
     def suspended(*modules: str) -> list[float]:
         rows = chart(run, pick=Pick(modules=modules) if modules else ALL).rows
@@ -159,52 +94,17 @@ def test_a_suspended_task_is_its_modules_who_would_have_handled_it_even_when_tha
     assert (suspended(), suspended("wheels"), suspended("legs")) == ([1.0, 4.0], [1.0], [])
 
 
-def waiting_for_two() -> Chart:
-    """A move {3} waits for a move {1} until 3 s and for a look {2} until 4 s; and so does another one {4}."""
-    story = Story().module("legs", "move", "look").at(1.0)
-    first, second = story.command("move", "user"), story.command("look", "user")
-    both = [sequential_achievement(TaskId(one), THIS) for one in (first, second)]
-    held = [story.command("move", "user", 0, *both) for _ in range(2)]
-    story.delivered(first, "legs").delivered(second, "legs").at(3.0).achieved(first).at(4.0).achieved(second)
-    for one in held:
-        story.delivered(one, "legs")
-    return chart(story.fold(), pick=Pick(held=held))
-
-
 def test_each_cause_has_a_bar_of_its_own_in_the_lane_of_the_task() -> None:
-    (row,) = (row for row in waiting_for_two().rows if row.held)
+    drawing = chart(made("two_waiting").fold(), pick=Pick(held={3, 4}))
+    (row,) = (row for row in drawing.rows if row.held)
     assert sorted((bar.lane, bar.start, bar.end, bar.words(200)) for bar in row.held) == [
         (0, 1.0, 3.0, "move {3}: until move {1} and look {2} are achieved"),
         (0, 3.0, 4.0, "until look {2} is achieved"),
         (1, 1.0, 3.0, "move {4}: until move {1} and look {2} are achieved"),
         (1, 3.0, 4.0, "until look {2} is achieved"),
     ]
-    lines = [line for line in chart_lines(waiting_for_two(), 120) if "until" in line]
+    lines = [line for line in chart_lines(drawing, 120) if "until" in line]
     assert [line.count("╎ until look {2} is achieved ·") for line in lines] == [1, 1]
-
-
-def test_what_nobody_would_handle_stands_where_that_is_said() -> None:
-    story = Story().module("legs", "move").at(1.0)
-    move = story.command("move", "user", to="legs")
-    fly = story.command("fly", "user", 0, sequential_achievement(TaskId(move), THIS))
-    drawing = chart(story.at(5.0).fold(), pick=Pick(held={fly}))
-    assert [row.label for row in drawing.rows if row.held] == [NO_HANDLER]
-
-
-def granted_at_once() -> Story:
-    """A program without handlers gets a lock without having to wait for it, and so does a handler."""
-    story = Story().module("legs", "move").module("guest").at(1.0)
-    move = story.received("move", COMMAND, "user", to="legs")
-    story.at(2.0)
-    for number, sender, origin in ((90, "guest", 0), (91, "legs", move)):
-        story.say(facts.Claimed(number, "arm", "arm", False, sender, TaskId(origin)), facts.Granted(number))
-    return story.at(3.0).returned(move)
-
-
-def test_a_wait_of_no_length_is_not_drawn() -> None:
-    drawing = chart(granted_at_once().fold())
-    assert [(row.label, len(row.handled)) for row in drawing.rows] == [("legs", 1)]
-    assert not drawing.rows[0].handled[0].waits
 
 
 # --- what is asked for ------------------------------------------------------------------------------------------------
@@ -314,14 +214,6 @@ def test_a_lock_that_somebody_still_has_and_a_monitor_that_watches_are_just_ther
     assert 40.0 < chart(now_of(story)).end < 41.0
 
 
-@pytest.mark.parametrize(("kind", "name"), [("presence", "handlers to come"), ("change", "changes of tasks")])
-def test_a_wait_for_no_certain_task_has_a_name(kind: str, name: str) -> None:
-    story = Story().module("legs", "move").module("user").at(1.0)
-    what = (0, WaitKind(kind), "move")
-    story.say(facts.WaitBegan("user", 0, ROOT, *what)).at(3.0).say(facts.WaitEnded("user", 0, ROOT, *what))
-    assert [bar.name for bar in row_of(story, "user").handled] == [name]
-
-
 def test_the_story_of_a_task_goes_from_its_birth_to_its_end_though_others_go_on(tmp_path: Path, tca: Tca) -> None:
     story = Story().module("legs", "move").module("user").at(1.0)
     first, second = story.command("move", "user"), story.command("move", "user")
@@ -402,20 +294,3 @@ def test_a_short_wait_looks_like_one() -> None:
 )
 def test_ticks_are_round(start: float, end: float, labels: list[str]) -> None:
     assert [label for _, label in ticks(start, end, 5)] == labels
-
-
-@pytest.mark.parametrize(("words", "told"), [("leg 4 met rock", ": leg 4 met rock"), ("", ' {"force": 812.0}')])
-def test_the_title_of_what_failed_says_with_what_in_words_or_else_in_data(words: str, told: str) -> None:
-    story = Story().module("legs", "move").at(1.0)
-    move = story.command("move", "user", to="legs")
-    story.at(2.0).returned(move, Outcome.FAILED, data={"force": 812.0}).say(facts.Failed(move, "collision", words))
-    (bar,) = (bar for row in chart(story.fold()).rows for bar in row.handled)
-    assert bar.title() == f"move {{1}} handled by legs from 1.000 s to 2.000 s, 1 s: failed: collision{told}"
-
-
-def test_a_failure_that_was_raised_without_words_shows_its_data() -> None:
-    story = Story().module("legs", "move").at(1.0)
-    move = story.command("move", "user", to="legs")
-    raised = facts.Failed(move, "collision", "", is_beside=True, by="eye", body=msgspec.msgpack.encode({"at": 3}))
-    (bar,) = (bar for row in chart(story.at(2.0).say(raised).fold()).rows for bar in row.handled)
-    assert [mark.title for mark in bar.marks] == ['move {1} failed at 2.000 s: collision {"at": 3} (raised by eye)']

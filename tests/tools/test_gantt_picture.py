@@ -11,8 +11,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 from click.testing import Result
-from tools.made_robots import asking, stepping
-from tools.story import COMMAND, Story, locking, stumbling, walking
+from tools.story import COMMAND, Story, locking, made, stepping, stumbling, walking
 
 from tca_tools.drawing.svg import width_of
 from tca_tools.gantt.axis import Scale
@@ -74,7 +73,7 @@ def test_failures_in_narrow_bars_have_flags_above_their_row() -> None:
 
 def test_flags_are_in_the_legend_in_their_colours() -> None:
     looks = ('class="flag-failed"', 'class="flag-coped"')
-    for story, seen in ((asking(dealt_with=True), (0, 1)), (shop(3), (1, 0)), (shop(), (0, 0))):
+    for story, seen in ((made("asking"), (0, 1)), (shop(3), (1, 0)), (shop(), (0, 0))):
         assert tuple(map(drawn(story).count, looks)) == seen
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling import lives
-from tools.story import PLANNING, Story, arcs, stumbling, walking
+from tools.story import PLANNING, Story, arcs, made, stumbling, walking
 
 from tca_tools.explain import wait_words
 from tca_tools.explain.story import story
@@ -38,16 +38,6 @@ def test_the_tree_and_its_handlers() -> None:
     assert [*history.tasks[TaskId(1)].children] == [2, 3, 4]
     assert history.tasks[6].reached[Moment.END_ACHIEVING] == 3.4
     assert history.tasks[6].handlings[0].module == "controller"
-
-
-def test_two_threads_of_a_module_wait_for_the_same_task() -> None:
-    story = Story().module("script")
-    task = TaskId(story.goal("walk", "script"))
-    for time in (1.0, 2.0):
-        story.at(time).say(facts.WaitBegan("script", 0, task, Moment.END_ACHIEVING))
-    for time in (3.0, 4.0):
-        story.at(time).say(facts.WaitEnded("script", 0, task))
-    assert [wait.end for wait in story.fold().modules["script"].waits] == [4.0, 3.0]
 
 
 def test_who_handles_what_in_which_format() -> None:
@@ -154,46 +144,9 @@ def test_a_tree_may_be_as_deep_as_it_likes() -> None:
     assert dot_source(RunAt(history), rows, "deep").count(" -> ") == 1_999
 
 
-def test_a_note_of_a_direct_message_with_impossible_times() -> None:
-    """A module may tell anything; what it handled began before it ended, and that before central was told."""
-    story = Story().module("map", "height").at(2.0)
-    for ended, seconds in ((1.5, -1e308), (float("inf"), 0.5), (float("nan"), 1.0), (9.0, 0.5), (-4.0, float("nan"))):
-        story.say(facts.HandledDirectly("height", "map", "map", "x", 0, 1, ended, seconds, Outcome.DONE, ""))
-    handlings = story.at(3.0).fold().handlings
-    assert [(one.start, one.end) for one in handlings] == [(1.5, 1.5), (1.5, 2.0), (0.0, 0.0), (1.5, 2.0), (0.0, 0.0)]
-
-
-def told_late() -> Story:
-    """Three notes of one slot, of whose handling it tells with one header at 2.0; a fourth has begun."""
-    story = Story()
-    for number in (1, 2, 3, 4):
-        story.at(1.0 + number / 10).say(
-            facts.Received(number, "note", MessageClass.INFORM, "user", TaskId(0), 0, False, b"", [])
-        )
-        story.say(facts.Delivered(1, 1, "ear", "ear", 1) if number == 1 else facts.Queued(number, number, "ear", "ear"))
-    story.at(2.0)
-    for number, began, ended in ((1, 0.0, 1.6), (2, 1.6, 1.7), (3, 1.8, 1.9)):
-        if began:
-            story.say(facts.Delivered(number, number, "ear", "ear", 1, began=began))
-        story.say(facts.Returned(number, Outcome.DONE, b"", ended))
-    story.say(facts.Delivered(4, 4, "ear", "ear", 1, began=1.95))
-    return story
-
-
-@pytest.mark.parametrize(
-    ("time", "waits", "runs"), [(1.5, [2, 3, 4], [1]), (1.65, [3, 4], [2]), (1.75, [3, 4], []), (1.85, [4], [3])]
-)
-def test_what_was_so_at_a_moment_is_known_though_it_was_told_later(
-    time: float, waits: list[int], runs: list[int]
-) -> None:
-    at = RunAt(told_late().fold(), time)
-    assert [one.message_id for one in at.run.queueings if one.goes_on(time)] == waits
-    assert [one.message_id for one in at.run.handlings if one.goes_on(time)] == runs
-
-
 @given(st.lists(st.floats(0, 3), min_size=6, max_size=6))
 def test_runs_of_a_slot_never_overlap_whatever_it_says(said: list[float]) -> None:
-    story = told_late()
+    story = made("told_late")
     told = story.entries[-1].facts
     told.clear()
     for number in (1, 2, 3):

@@ -14,7 +14,6 @@ import msgspec
 import pytest
 from click.testing import CliRunner, Result
 from mcap.reader import make_reader
-from tools.made_robots import fail
 from tools.runs import OPENED, encoded, walk
 from tools.story import Story
 from tools.test_every_tool import TO_FILES, TO_STDOUT
@@ -131,7 +130,7 @@ def broken() -> Story:
     walk = story.goal("walk", "user", to="planner", begins=True)
     move = story.command("move", "planner", walk, to="legs")
     story.at(2.0).returned(walk)
-    fail(story.at(3.0), move, NAME, "the screw: it is loose")
+    story.at(3.0).failed(move, NAME, "the screw: it is loose")
     why = f"failure '{NAME}' of move {{2}} was not handled"
     story.say(facts.Unhandled(TaskId(move)), facts.Killed(TaskId(walk), why, "", 0, TaskId(move)))
     return story.reached(walk, *Moment).at(4.0).say(facts.Closed("interrupted"))

@@ -3,31 +3,14 @@
 import msgspec
 import pytest
 from tools.runs import OPENED, checked, played
-from tools.story import Story
 
 from tca_tools.analysis.failures import failures
 from tca_tools.check import rules
 from tca_tools.journal.fates import Fate
 from tca_tools.journal.fold import History
-from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.text import story_lines
 from tca_wire.journal import facts
-from tca_wire.points import ROOT, Moment, TaskId
-
-PATIENT, TREAT, INFUSE, TRANSFER = 1, 2, 3, 4
-
-
-def killed(task: int, by: str = "safety", asker: int = TRANSFER) -> facts.Killed:
-    return facts.Killed(TaskId(task), "transferred", by, asker)
-
-
-def kill(story: Story, *tasks: int, by: str = "safety", asker: int = TRANSFER) -> Story:
-    story.say(*(killed(task, by, asker) for task in tasks)).reached(INFUSE, *Moment)
-    return story.at(4.0).returned(TRANSFER).reached(TRANSFER, *Moment).at(5.0)
-
-
-def told(run: History, number: int, moment: float = 9.0) -> list[tuple[float, str]]:
-    return [(one.time, "  " * one.depth + one.text) for one in failure_chain(run, TaskId(number), moment)]
+from tca_wire.points import ROOT, TaskId
 
 
 def test_a_failure_that_somebody_further_out_dealt_with_was_overcome() -> None:

@@ -10,15 +10,13 @@ import msgspec
 import pytest
 from click.testing import Result
 from tools.runs import encoded, walk
-from tools.story import Story, stumbling
+from tools.story import Story, made, stumbling
 
 from tca_tools.log.__main__ import KINDS
 from tca_tools.log.classic import classic_lines
-from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
-from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
 from tca_wire.text.bodies import data_text, plain_data
-from tca_wire.vocabulary import Condition, MessageClass, Outcome, Party, Refusal, Scope
+from tca_wire.vocabulary import MessageClass, Outcome
 
 Tca = Callable[..., Result]
 
@@ -28,65 +26,6 @@ def run(tmp_path: Path) -> Path:
     return stumbling().write(tmp_path / "run", segments=2)
 
 
-def told_of_everything() -> Story:
-    """A story with each kind of fact at least once."""
-    story = Story().module("legs", "walk", resource="motors")
-    story.say(facts.KeysChanged(["arm"], ["old arm", "leg"]), facts.PermissionsChanged(3, "/etc/tca/robot.toml"))
-    story.say(facts.FormatDefined("walk", MessageClass.GOAL, "{}", "", "legs"))
-    goal = story.goal("walk", "script", 0, data={"metres": 2.5})
-    story.queued(goal).at(1.25).delivered(goal, "legs", "motors")
-    pose = story.received("pose", MessageClass.BROADCAST, "legs", origin=goal)
-    story.say(facts.Delivered(9, pose, "map", "map"), facts.Returned(9, Outcome.DONE, b""))
-    story.say(facts.Constrained([]), facts.WaitBegan("legs", goal, TaskId(goal), Moment.END_PLANNING))
-    story.at(61.5).say(facts.WaitEnded("legs", goal, TaskId(goal)), facts.WaitBegan("script", 0, TaskId(goal), 32))
-    story.queued(goal, "legs").say(facts.Unqueued(goal))
-    story.say(
-        facts.CentralFailed("internal error"),
-        facts.CentralRestarted(2.5, 3),
-        facts.WentOn("user"),
-        facts.DiskSpace(is_low=True),
-    )
-    story.say(facts.StateChanged(TaskId(goal), "update", "update requested", 2, Party.CLIENT, "script", "farther"))
-    story.failed(goal, "slip", "").say(facts.Killed(TaskId(goal), "slipped", "panel"))
-    story.say(facts.Dropped(77, "any", "nobody listens"), facts.Awaited(pose), facts.Answered(pose))
-    story.say(facts.HandlerRemoved("walk", "legs"), facts.ModuleLeft("legs", "it said goodbye"))
-    told_of_control(story, TaskId(goal))
-    story.say(facts.HandledDirectly("pose", "map", "map", "legs", goal, 88, 61.4, 0.00025, Outcome.DONE, ""))
-    story.say(facts.HandledDirectly("scan", "eyes", "left", "script", 0, 1, 61.4, 0.5, Outcome.FAILED, "dark"))
-    story.say(facts.LostDirectly("legs", "pose", 2), facts.LostDirectly("legs", "", 1))
-    story.say(facts.RequestRefused("?", Refusal.PROTOCOL, "no hello\n"))
-    story.say(facts.Shortened(0.5))
-    story.say(facts.Ignored("user", "task 1 has ended: it can't be retried"))
-    return story.at(100.0).say(facts.Reached(TaskId(goal), ALL_MOMENTS), facts.Closed("interrupted"))
-
-
-def told_of_control(story: Story, task: TaskId) -> None:
-    """Failures that are handled, wiretaps, monitors, suspension and delays."""
-    story.say(facts.Attached(20, "slip", "recover", task, "", 3), facts.Attached(21, "", "report", ROOT, "walk", 0))
-    story.say(facts.Caught(task, TaskId(22), task, 20), facts.Reissued(TaskId(22)), facts.Unhandled(task))
-    story.say(facts.Resolved(TaskId(22)), facts.NotResolved(TaskId(22), task))
-    story.say(facts.Retried(task, b"", "expert"), facts.Recovered(task), facts.Removed(21, "tca detach"))
-    story.say(
-        facts.TapAdded(23, Condition.BEFORE_HANDLING, "check", "walk", ROOT, "safety"), facts.TapFired(23, task, 0)
-    )
-    story.say(
-        facts.WaitedFor(task),
-        facts.OutlivesRetry(task),
-        facts.MonitorTested(task, holds=True),
-        facts.MonitorEnded(task, "its end point is reached"),
-    )
-    story.say(facts.Recalling("legs", "motors"), facts.Recalling("legs", "motors", is_over=True))
-    story.say(facts.Claimed(24, "legs", "motors", True, "map", 0), facts.Granted(24), facts.ClaimEnded(24, "released"))
-    story.say(facts.SuspendedOrResumed(task, is_suspended=True, by="panel"))
-    story.say(facts.Kept(task, "script"), facts.Released(task, "script"), facts.Released(task, ""))
-    after = Point(task, Moment.START_ACHIEVING)
-    story.say(facts.TimedOut(Constraint(Point(ROOT, Moment.START_ACHIEVING), after, 2.5)))
-    story.say(facts.TimedOut(Constraint(Point(task, Moment.END_HANDLING), after, 0.5)))
-    story.say(facts.DeadlineSet(task, Moment.END_ACHIEVING, 5.0))
-    story.say(facts.KillPlanned(task, Scope.DESCENDANTS, after, 3.0, "no need", "panel"))
-    story.say(facts.SendPlanned(task, "stand", b""))
-
-
 def test_a_line_for_each_fact(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:
     result = tca("log", "show", run)
     assert result.exit_code == 0
@@ -94,7 +33,7 @@ def test_a_line_for_each_fact(tca: Tca, run: Path, expect: Callable[[str, str], 
 
 
 def test_every_kind_of_fact_has_words(tca: Tca, tmp_path: Path, expect: Callable[[str, str], None]) -> None:
-    story = told_of_everything()
+    story = made("every_kind")
     assert {facts.kind_of(fact) for entry in story.entries for fact in entry.facts} == set(KINDS)
     expect("log_every_kind", tca("log", "show", story.write(tmp_path / "run")).stdout)
 
@@ -107,7 +46,7 @@ def test_lines_are_cut_to_the_terminal(tca: Tca, run: Path) -> None:
 
 
 def test_json_has_a_fact_a_line(tca: Tca, tmp_path: Path) -> None:
-    result = tca("log", "show", told_of_everything().write(tmp_path / "run"), "--json")
+    result = tca("log", "show", made("every_kind").write(tmp_path / "run"), "--json")
     rows = [json.loads(line) for line in result.stdout.splitlines()]
     assert {row["kind"] for row in rows} == set(KINDS)
     first = next(row for row in rows if row["kind"] == "received")

@@ -13,10 +13,8 @@ from integration.terminal import Terminal, terminal
 from rich.text import Text
 from textual.pilot import Pilot
 from textual.widgets import RichLog, Static
-from tools.made_robots import replacing
 from tools.runs import encoded, walk
-from tools.story import QUERY, Story, stumbling
-from tools.test_story import waiting_for_two
+from tools.story import QUERY, Story, made, stumbling
 
 from tca_tools.replay.app import Replay
 from tca_tools.replay.growth import growth_lines
@@ -163,7 +161,7 @@ def test_a_failure_after_which_the_run_went_on_has_a_colour_of_its_own(*, top_fa
         await player.press("home")
         assert player.coloured("─") == {colour}
 
-    play(replacing(top_fails=top_fails).entries, act)
+    play(made("not_replaced" if top_fails else "replaced").entries, act)
 
 
 def test_a_story_tells_why_it_waits_how_long_so_far_and_not_yet_how_it_ends() -> None:
@@ -196,7 +194,7 @@ def test_a_story_says_nothing_that_was_not_known_then() -> None:
         await player.press("end")
         assert "held, until look {2} is achieved, 2.000 s" in player.story
 
-    play(waiting_for_two().entries, act, at=1.0)
+    play(made("waiting_for_two").entries, act, at=1.0)
 
 
 def test_search_goes_from_one_to_the_next() -> None:

@@ -3,6 +3,7 @@
 import re
 import sys
 from collections.abc import Callable
+from functools import partial
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -11,8 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tools.made_robots import recovering, stepping
-from tools.story import Story, mopping, silent_for, stumbling, walking
+from tools.story import Story, made, silent_for, stepping, stumbling, walking
 from tools.test_history import FACTS
 
 from tca_tools.errors import ToolError
@@ -99,7 +99,11 @@ def tca_report(*arguments: object) -> Result:
 
 @pytest.mark.parametrize(
     ("name", "made", "verdict"),
-    [("stepping", stepping, "good"), ("stumbling", stumbling, "bad"), ("recovering", recovering, "bad")],
+    [
+        ("stepping", stepping, "good"),
+        ("stumbling", stumbling, "bad"),
+        ("recovering", partial(made, "recovering"), "bad"),
+    ],
 )
 def test_all_that_a_report_says(
     name: str, made: Callable[[], Story], verdict: str, reported: Reported, expect: Callable[[str, str], None]
@@ -160,7 +164,7 @@ def test_of_a_traceback_the_page_shows_one_line_and_all_of_it_where_it_is_opened
 
 
 def test_a_run_that_was_suspended_and_one_that_nobody_handles_say_so(reported: Reported) -> None:
-    shown = reported(mopping())
+    shown = reported(made("mopping"))
     assert "fly : no handler" in shown.text  # where the time went
     for words in ("Nobody handles 'fly'", "'mop floor' is suspended for a while", "Suspended tasks"):
         assert words in shown.text

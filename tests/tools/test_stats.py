@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from central.player import Player
 from central.test_what_goes_ahead import Ears, trust_every_handler
 from click.testing import CliRunner, Result
 from hypothesis import given
@@ -86,31 +85,6 @@ def test_a_quiet_run_that_goes_on_is_measured_until_now(tmp_path: Path) -> None:
     assert not json.loads(shown(run, "--json").stdout)["live"]
 
 
-def test_a_message_for_many_is_open_while_a_copy_of_it_waits_or_is_handled() -> None:
-    """A variable that nobody watches is just set, and a broadcast to nobody is over."""
-    player = Player.of("user: variable mode, broadcast pose")
-    player.lose("user")
-    player.module("user")
-    player.set_variable("user", "mode", 3)
-    player.send("user", "pose")
-    assert _open(player) == {"mode": 0, "pose": 0}
-    player.module("eye", "variable mode", "broadcast pose")
-    player.module("ear", "broadcast pose")
-    player.set_variable("user", "mode", 4)
-    player.send("user", "pose")
-    assert _open(player) == {"mode": 2, "pose": 1}  # a new watcher is told the value that was set before
-    player.reply("ear/1")
-    assert _open(player) == {"mode": 2, "pose": 1}
-    player.reply("eye/1")
-    player.reply("eye/1")
-    player.reply("eye/1")
-    assert _open(player) == {"mode": 0, "pose": 0}
-
-
-def _open(player: Player) -> dict[str, int]:
-    return {one.message: one.open for one in measure(History.until([OPENED, *player.entries])).messages}
-
-
 def test_what_a_lost_module_had_ahead_has_failed(monkeypatch: pytest.MonkeyPatch) -> None:
     trust_every_handler(monkeypatch)
     player = Ears.of("ear: inform note, query where", "user")
@@ -122,20 +96,6 @@ def test_what_a_lost_module_had_ahead_has_failed(monkeypatch: pytest.MonkeyPatch
         "note": (2, 0, 1),
         "where": (2, 0, 0),
     }
-
-
-def test_waits_that_go_on_count_until_now() -> None:
-    """One of three was handled after a second, two stand for a minute."""
-    story = Story().module("legs").at(1.0)
-    dances = [story.command("dance", "user") for _ in range(3)]
-    for dance in dances:
-        story.queued(dance)
-    run = story.at(2.0).delivered(dances[0], "legs").at(61.0).fold()
-    nobody = next(one for one in measure(run).resources if not one.module)
-    assert (nobody.queued.seconds, nobody.queued.going_on) == ([1.0, 60.0, 60.0], [60.0, 60.0])
-    assert not nobody.queued.is_at_least(1.0)  # whatever the others will be
-    assert nobody.queued.is_at_least(60.0)
-    assert (nobody.longest_queue, of(measure(run), "dance").queued.percentile(50)) == (3, 60.0)
 
 
 def test_what_is_open_or_dropped_has_a_column_and_what_goes_on_a_mark(tmp_path: Path) -> None:
@@ -178,6 +138,11 @@ def test_names_are_safe_for_a_terminal(tmp_path: Path) -> None:
     story = Story().module("legs\x1b[31m", "walk").at(1.0)
     story.received("walk\x07\n", MessageClass.INFORM, "x")
     assert not {"\x1b", "\x07"} & set(shown(story.at(2.0).write(tmp_path / "run")).stdout)
+
+
+def test_a_percentile_that_waits_going_on_may_raise_is_a_least_one() -> None:
+    queued = Times([1.0, 60.0, 60.0], [60.0, 60.0])
+    assert [queued.is_at_least(second) for second in (1.0, 60.0)] == [False, True]
 
 
 @given(st.lists(st.floats(0, 1e6), min_size=1), st.integers(1, 100))

@@ -4,14 +4,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
-from tools.made_robots import recovering
-from tools.story import THIS, Story, stuck, stumbling
+from click.testing import Result
+from tools.story import Story, stuck, stumbling
 
 from tca_tools.analysis.backwards import Causes
-from tca_tools.analysis.critical_path import critical_path, last_task, longest_task
+from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.long_waits import long_waits
+from tca_tools.analysis.summary import summary
 from tca_tools.explain.graph import causes, waits_now
 from tca_tools.explain.story import story
 from tca_tools.explain.wait_words import Age, Last, in_the_end, last_of, reasons
@@ -21,11 +21,9 @@ from tca_tools.journal.fates import Fate
 from tca_tools.journal.fold import History
 from tca_tools.report.contents import contents
 from tca_tools.tasktree_viz import words
-from tca_tools.tasktree_viz.__main__ import tree
-from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Refusal
+from tca_wire.vocabulary import MessageClass, Refusal
 from tca_wire.waits.ends import MOST
 
 Tca = Callable[..., Result]
@@ -40,26 +38,6 @@ def told(history: History, message: int) -> list[str]:
 
 def test_of_what_is_unknown_there_is_no_story() -> None:
     assert story(stumbling().fold(), 99) == []
-
-
-def waiting_for_two() -> Story:
-    """A move {3} must wait for two others, which are achieved at 2 s and at 3 s."""
-    tale = Story().module("legs", "move", "look").at(1.0)
-    first, second = tale.command("move", "user"), tale.command("look", "user")
-    tale.command("move", "user", 0, *(sequential_achievement(TaskId(one), THIS) for one in (first, second)))
-    tale.delivered(first, "legs").delivered(second, "legs").at(2.0).achieved(first).at(3.0).achieved(second)
-    return tale.delivered(3, "legs").at(4.0)
-
-
-def test_a_story_at_a_moment_says_what_was_known_then(tmp_path: Path) -> None:
-    tale = waiting_for_two()
-    first, second = "held, until move {1} is achieved", "held, until look {2} is achieved"
-    folder = tale.write(tmp_path / "walk")
-    for moment, why in ((1.5, f"{first}, 0.500 s so far"), (2.5, f"{second}, 1.500 s so far")):
-        printed = " ".join(CliRunner().invoke(tree, [str(folder), "--story", "3", "--at", str(moment)]).output.split())
-        assert why in printed
-        assert "handled" not in printed
-        assert why in [one.by(moment, moment) for one in story(tale.fold(), 3, moment)]
 
 
 def test_of_many_causes_the_longest_are_told() -> None:
@@ -88,9 +66,6 @@ def test_of_very_many_subtasks_a_few_waits_are_made_and_all_are_counted() -> Non
     assert (len(waits_now(at, walk)), len(told_waits(run, run.tasks[walk], together=True))) == (4, 3)
     kept = "achieving, until move {2}, move {3}, move {4} and 997 more are achieved"
     assert told(run, walk)[-1] == f"1.0 {kept}"
-
-
-SINCE_1 = Age(1.0, 1.0)
 
 
 def end_of(at: RunAt, task: TaskAt) -> str:
@@ -165,13 +140,6 @@ def test_a_deadlock_of_a_program_outside_of_handlers_is_told_to_it() -> None:
     assert contents(run).stories == {}
 
 
-def test_the_longest_task_and_the_last() -> None:
-    run = recovering().fold()
-    last, longest = last_task(run), longest_task(run)
-    assert (last and last.id, longest and longest.id) == (5, 1)
-    assert last_task(Story().fold()) is None
-
-
 def test_a_handler_with_very_many_waits_is_walked_in_time() -> None:
     story = Story().module("a", "count").module("b", "add")
     count = story.at(1.0).goal("count", "x", to="a", begins=True)
@@ -190,3 +158,12 @@ def test_only_the_longest_are_told() -> None:
         story.at(10.0 * number + number / 10).delivered(move, "legs").returned(move)
     (kind,) = long_waits(story.fold(), at_most=3)
     assert (kind.number, [round(wait.seconds, 3) for wait in kind.longest]) == (29, [2.9, 2.8, 2.7])
+
+
+def test_a_monitor_that_watches_in_a_live_run_is_counted() -> None:
+    tale = Story().at(1.0)
+    tale.received("battery watch", MessageClass.POLLING_MONITOR, "user")
+    tale.goal("walk", "user")
+    run = tale.fold()
+    run.is_live = True
+    assert summary(run).outcome.endswith("; 1 monitor still watching.")

@@ -5,10 +5,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import msgspec
 import pytest
 from click.testing import Result
-from tools.story import THIS, Story, arcs, silent_for, stumbling, walking
+from tools.story import THIS, Story, arcs, made, silent_for, stumbling, walking
 
 from tca_tools.drawing.graphviz import drawn
 from tca_tools.journal.at_time import RunAt
@@ -21,10 +20,8 @@ from tca_tools.tasktree_viz.outline_svg import outline_svg
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.terminal import columns_of, cut_name
 from tca_wire.constraints import Constraint, delay_planning, plan_first, sequential_achievement
-from tca_wire.journal import facts
 from tca_wire.journal.facts import Failed, Killed
 from tca_wire.points import Moment, Point, TaskId
-from tca_wire.vocabulary import MessageClass, Role
 
 Tca = Callable[..., Result]
 needs_dot = pytest.mark.skipif(not (shutil.which("dot") or find_spec("pygraphviz")), reason="Graphviz is not installed")
@@ -187,26 +184,8 @@ def test_constraints_of_a_task_with_itself_stand_in_its_box() -> None:
     assert found.between == {(1, 3): ["end handling before start handling", "SEQ"]}
 
 
-def with_roles() -> Story:
-    """A move with tasks that central made itself, and a monitor."""
-    story = Story()
-    leg = story.goal("move leg", "x")
-    for name, role, message_class in (
-        ("raise leg", Role.EXCEPTION, MessageClass.EXCEPTION),
-        ("stability check", Role.LISTENER, MessageClass.COMMAND),
-        ("achieved position?", Role.NONE, MessageClass.POINT_MONITOR),
-        ("at rest?", Role.CONDITION, MessageClass.COMMAND),
-        ("report", Role.ACTION, MessageClass.COMMAND),
-        ("watch", Role.LISTENER, MessageClass.POLLING_MONITOR),
-    ):
-        number = story.received(name, message_class, "central", leg)
-        (birth,) = [f for f in story.entries[-1].facts if isinstance(f, facts.Received) and f.id == number]
-        story.entries[-1].facts[story.entries[-1].facts.index(birth)] = msgspec.structs.replace(birth, role=role)
-    return story
-
-
 def test_the_text_tells_what_no_module_wanted_done(tca: Tca, tmp_path: Path) -> None:
-    shown = tca("tree", with_roles().write(tmp_path / "run")).stdout
+    shown = tca("tree", made("with_roles").write(tmp_path / "run")).stdout
     assert re.findall(r"(\w[^{\n]*\{\d\}(?: \(.*\))?)  ", shown) == [
         "move leg {1}",
         "raise leg {2} (exception handler)",
@@ -234,7 +213,7 @@ def test_why_the_whole_tree_was_killed_stands_at_its_top_and_only_there(tca: Tca
 
 
 def test_the_picture_tells_what_central_sent_itself() -> None:
-    history = with_roles().fold()
+    history = made("with_roles").fold()
     dot = dot_source(RunAt(history), whole_outline(RunAt(history)), "roles")
     nodes = dict(re.findall(r"^  (t\d+) \[(.*)\];$", dot, re.MULTILINE))
     assert ["penwidth" in nodes[f"t{number}"] for number in (1, 2, 3, 4)] == [False, True, True, True]

@@ -5,7 +5,6 @@ import sys
 from collections.abc import Callable
 from itertools import combinations, product
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
@@ -13,23 +12,20 @@ from click.testing import Result
 from hypothesis import given
 from hypothesis import strategies as st
 from tools.runs import encoded, walk
-from tools.story import GOAL, QUERY, THIS, Story, locking, stumbling, walking
+from tools.story import THIS, Story, locking, stumbling, walking
 
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fold import History
 from tca_tools.tasktree_viz.arrows import arrows
 from tca_tools.tasktree_viz.dot import dot_source
-from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.files import is_figure
 from tca_tools.tasktree_viz.lanes import MOST_LANES, MOST_LEAVING, lines
 from tca_tools.tasktree_viz.outline import Row, outline, whole_outline
 from tca_tools.tasktree_viz.outline_svg import CHARACTER, outline_svg
-from tca_tools.tasktree_viz.text import story_lines, tree_lines
+from tca_tools.tasktree_viz.text import tree_lines
 from tca_wire.constraints import Constraint, plan_ahead, sequential_achievement
-from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
-from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Outcome, Role
+from tca_wire.points import TaskId
 
 Tca = Callable[..., Result]
 SVG = "{http://www.w3.org/2000/svg}"
@@ -95,112 +91,6 @@ def test_a_story_as_a_file_and_as_it_was(tca: Tca, run: Path, tmp_path: Path) ->
     assert at.startswith("move body {7}: handling\n")
     assert "terrain collision" not in at
     assert "must end in .txt" in tca("tree", run, "--story", 7, "-o", tmp_path / "story.svg").stderr
-
-
-def _fail_for_a_query(story: Story, asker: int) -> None:
-    where = story.received("where", QUERY, "asker", 0, origin=asker, blocking=True, to="map")
-    story.at(asker + 1.0).failed(where, "no map", "it is dark").say(facts.Answered(where))
-    story.failed(asker, "no map", "'where' failed: it is dark")
-
-
-def recovery() -> Story:
-    """A query fails of which a goal fails, and an exception handler that asks the same fails, too."""
-    story = Story().module("planner", "step").module("expert", "replan").module("map", "where")
-    step = story.goal("step", "user", to="planner", begins=True)
-    _fail_for_a_query(story, step)
-    replan = story.goal("replan", "central", step)
-    made: tuple[Any, ...] = (GOAL, "central", TaskId(step), 0, False, b"", [], Role.EXCEPTION, step)
-    story.entries[-1].facts[-1] = facts.Received(replan, "replan", *made)
-    story.say(facts.Caught(TaskId(step), TaskId(replan), TaskId(step), 9)).delivered(replan, "expert")
-    _fail_for_a_query(story, replan)
-    return story.say(facts.Unhandled(TaskId(step)), facts.Killed(TaskId(step), "failure 'no map' was not handled"))
-
-
-def test_a_failure_is_followed_to_where_it_began() -> None:
-    lines = list(story_lines(recovery().fold(), TaskId(1), 100))
-    told = [line[23:].partition(":")[0] for line in lines]
-    assert told.index("exception handler replan {3} was called in expert") < told.index("killed")
-    assert [line[11:] for line in lines[lines.index("its failure, step by step:") + 1 :]] == [
-        "  where {2} failed: no map: it is dark",
-        "step {1} failed",
-        "exception handler replan {3} was called in expert: failed",
-        "    where {4} failed: no map: it is dark",
-        "  replan {3} failed: no map: 'where' failed: it is dark",
-        "  replan {3}: nobody dealt with its failure",
-        "step {1} was killed",
-    ]
-
-
-def test_a_story_says_once_why_its_task_failed_or_was_killed() -> None:
-    """Also where it was killed for a failure that was raised while its handler ran."""
-    story = Story().module("arm", "pick").at(1.0)
-    walk = story.goal("walk", "user")
-    pick = story.command("pick", "user", walk, to="arm")
-    why = "failure 'timeout' of pick {2} was not handled"
-    story.at(2.0).say(facts.Failed(pick, "timeout", "too late", is_beside=True), facts.Unhandled(TaskId(pick)))
-    story.say(*(facts.Killed(TaskId(task), why, failed=TaskId(pick)) for task in (pick, walk)))
-    run = story.at(3.0).returned(pick, Outcome.KILLED).reached(pick, *Moment).reached(walk, *Moment).fold()
-    told = ["\n".join(story_lines(run, number, 200)) for number in (pick, walk)]
-    assert [text.count("too late") for text in told] == [1, 1]
-    assert [text.count("was not handled") for text in told] == [0, 1]
-    assert "killed: no exception handler handled that" in told[0]
-
-
-def test_what_ran_out_of_time_waited_for_something() -> None:
-    """A deliver {3} must be achieved within 2 s, but waits for a batch {2} that the baker is busy with."""
-    story = Story().module("baker", "batch").module("courier", "deliver").at(1.0)
-    order = story.goal("order", "user")
-    batch = story.command("batch", "user", order)
-    story.delivered(order, "baker").reached(order, Moment.START_ACHIEVING).delivered(batch, "baker")
-    deliver = story.command("deliver", "user", order, sequential_achievement(TaskId(batch), THIS))
-    story.say(facts.DeadlineSet(TaskId(deliver), Moment.END_ACHIEVING, 2.0)).at(3.0)
-    story.say(facts.Failed(deliver, "timeout", "too late"), facts.Unhandled(TaskId(deliver)))
-    why = "failure 'timeout' of task 3 'deliver' was not handled"
-    story.say(*(facts.Killed(TaskId(task), why, failed=TaskId(deliver)) for task in (order, batch, deliver))).reached(
-        deliver, *Moment
-    )
-    run = story.at(4.0).fold()
-    assert [(link.time, link.text) for link in failure_chain(run, TaskId(order))] == [
-        (1.0, "deliver {3} waited until batch {2} is achieved, for 2 s"),
-        (1.0, "batch {2} was being handled by baker, for 2 s when time ran out"),
-        (3.0, "deliver {3} failed: timeout: too late"),
-        (3.0, f"order {{1}} was killed: {why}"),
-        (3.0, "deliver {3} was killed: no exception handler handled that"),
-    ]
-
-
-def test_a_kill_is_told_when_it_was_and_not_when_it_had_its_effect() -> None:
-    story = Story().module("arm", "pick").at(1.0)
-    walk = story.goal("walk", "user")
-    pick = story.command("pick", "user", walk, to="arm")
-    story.at(2.0).say(facts.Failed(pick, "timeout", "too late"))
-    story.say(facts.Unhandled(TaskId(pick)), facts.Killed(TaskId(pick), "failure 'timeout' was not handled"))
-    story.at(3.0).returned(pick, Outcome.KILLED).reached(pick, Moment.END_ACHIEVING)
-    run = story.at(4.0).reached(walk, Moment.END_ACHIEVING).fold()
-    killed = "pick {2} was killed: failure 'timeout' was not handled"
-    for moment, end in {2.5: killed, 3.5: killed, 4.5: f"{killed}; walk {{1}} was achieved without it"}.items():
-        links = [(round(link.time, 3), link.text) for link in failure_chain(run, TaskId(pick), moment)]
-        assert links == [(2.0, "pick {2} failed: timeout: too late"), (2.0, end)], moment
-
-
-def with_traceback() -> History:
-    story = Story().module("legs", "walk")
-    walk = story.goal("walk", "x", to="legs")
-    story.returned(walk, Outcome.FAILED)
-    trace = (
-        "ZeroDivisionError: division by zero\nTraceback (most recent call last):\n  File walk.py, line 3\n    1 / 0\n"
-    )
-    return story.say(facts.Failed(walk, "handler error", trace)).fold()
-
-
-def test_of_a_traceback_a_tree_shows_one_line_and_a_story_all() -> None:
-    from tca_tools.tasktree_viz.text import tree_lines
-
-    history = with_traceback()
-    line = list(tree_lines(RunAt(history), whole_outline(RunAt(history))))[-1]
-    assert line.endswith("handler error: ZeroDivisionError: division by zero ...")
-    told = "\n".join(story_lines(history, TaskId(1)))
-    assert "\n" + " " * 23 + "  File walk.py, line 3\n" in told
 
 
 def test_guides_go_on_deep_down(tca: Tca, tmp_path: Path, expect: Callable[[str, str], None]) -> None:

@@ -7,7 +7,6 @@ track trackers; the classes are the published ones.
 from collections import defaultdict
 from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 from perfetto.protos.perfetto.trace.perfetto_trace_pb2 import Trace, TrackEvent
@@ -148,10 +147,10 @@ def told(annotation: Any) -> Any:
     return getattr(annotation, kind) if kind else None
 
 
-def read_trace(path: Path, *, is_nonsense: bool = False) -> Read:
+def read_trace(trace_file: bytes, *, is_nonsense: bool = False) -> Read:
     """All that is in a trace. Fails where a rule is broken; of *nonsense* arrows may lead nowhere."""
     trace = Trace()
-    trace.ParseFromString(path.read_bytes())
+    trace.ParseFromString(trace_file)
     reader = Reader()
     for packet in trace.packet:
         reader.packet(packet)

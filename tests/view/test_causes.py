@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.story import THIS, Story, delayed, stuck
+from tools.story import THIS, Story, made, stuck
 
 from tca_wire.constraints import sequential_achievement
-from tca_wire.points import Moment, TaskId
+from tca_wire.points import TaskId
 from view.conftest import Look
 
 pytestmark = pytest.mark.slow
@@ -41,18 +41,8 @@ def test_every_row_that_waits_says_for_what_in_the_end_and_the_head_counts_by_th
     expect(page.locator("#task h2")).to_have_text("calibrate {3}")
 
 
-def in_turn() -> Story:
-    """Three tasks, one after the other: the second one begins when the first has ended, at 2 s."""
-    tale = Story().module("arm", "lift").at(1.0)
-    first = tale.command("lift", "user")
-    second = tale.command("lift", "user", 0, sequential_achievement(TaskId(first), THIS))
-    tale.command("lift", "user", 0, sequential_achievement(TaskId(second), THIS))
-    tale.delivered(first, "arm").at(2.0).returned(first).reached(first, *Moment).delivered(second, "arm")
-    return tale.at(3.0)
-
-
 def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_path: Path) -> None:
-    page = look(in_turn().write(tmp_path / "lifts"), "#t=1.5")
+    page = look(made("in_turn").write(tmp_path / "lifts"), "#t=1.5")
     page.set_viewport_size({"width": 2200, "height": 860})
     second, third = (page.locator(f".row[data-task='{number}'] .why") for number in (2, 3))
     causes = page.locator("#causes")
@@ -68,7 +58,7 @@ def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_pa
 
 
 def test_a_wait_that_has_just_begun_has_lasted_for_no_time(look: Look, tmp_path: Path) -> None:
-    page = look(in_turn().write(tmp_path / "lifts"), "#t=1.0&task=3")
+    page = look(made("in_turn").write(tmp_path / "lifts"), "#t=1.0&task=3")
     page.set_viewport_size({"width": 2200, "height": 860})
     why, lead = page.locator(".row[data-task='3'] .why"), page.locator("#task .lead").first
     end = "in the end for lift {1}, which arm handles"
@@ -114,7 +104,7 @@ def test_where_a_task_counts_for_several_things_the_line_of_causes_says_so(look:
 
 
 def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
-    page = look(delayed().write(tmp_path / "dinner"), "#task=2")
+    page = look(made("delayed").write(tmp_path / "dinner"), "#task=2")
     why = page.locator(".row[data-task='2'] .why")
     expect(why).to_contain_text("until 3 s after ring bell {1} is achieved")
     expect(why).to_contain_text("until 500.250 s")

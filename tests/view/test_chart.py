@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.story import Story, stuck
+from tools.story import Story, made, stuck
 from wire.test_waits_in_words import test_durations as of_durations
 
 from tca_tools.gantt.build import chart
@@ -47,26 +47,14 @@ def test_rows_below_the_edge_are_announced_and_reached(look: Look, tmp_path: Pat
     assert page.evaluate(labels)[0] == "module 0"
 
 
-def bakery() -> Story:
-    """Resources of two modules are used in turns; ten tasks were suspended for a while, and one is handled by nobody."""
-    story = Story().module("oven", "heat").module("store", "fetch").at(1.0)
-    for name, module, resource in [("bake", "oven", "chamber"), ("ring", "store", "phone"), ("read", "oven", "meter")]:
-        story.say(facts.HandlerAdded(name, module, resource))
-        story.delivered(story.command(name, "user"), module, resource)
-    story.queued(story.command("deliver", "user"))
-    tasks = [TaskId(story.command("mop", "user")) for _ in range(10)]
-    story.say(*(facts.SuspendedOrResumed(task, True) for task in tasks)).at(2.0)
-    return story.say(*(facts.SuspendedOrResumed(task, False) for task in tasks)).at(60.0)
-
-
 def test_rows_of_a_module_stand_together_and_what_is_no_modules_takes_little_room(look: Look, tmp_path: Path) -> None:
-    page = look(bakery().write(tmp_path / "bakery"))
+    page = look(made("bakery").write(tmp_path / "bakery"))
     labels = "tca.chart.layout.map(({ row }) => row.label)"
     order = ["oven / chamber", "oven / meter", "store / phone"]
     shown = page.evaluate(labels)
     assert [label for label in shown if " / " in label] == order
     assert shown[-2:] == ["(suspended)", "(no handler)"]
-    assert [row.label for row in chart(bakery().fold()).rows] == shown
+    assert [row.label for row in chart(made("bakery").fold()).rows] == shown
     place = "tca.chart.layout.find((one) => one.row.label === '(suspended)')"
     assert page.evaluate(f"{place}.row.queued.length") == 10
     assert page.evaluate(f"{place}.bottom - {place}.top") < 50  # pixels: two of them, and how many there are

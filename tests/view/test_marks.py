@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.made_robots import asking, fail, replacing
-from tools.story import Story
+from tools.story import Story, made
 
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
@@ -16,22 +15,8 @@ from view.conftest import Look, until
 pytestmark = pytest.mark.slow
 
 
-def recovered() -> Story:
-    """A step fails at 2 s and is replanned; at 6 s a second one fails, and nobody deals with that."""
-    story = Story().module("planner", "step").module("expert", "replan").at(1.0)
-    step = story.goal("step", "user")
-    story.delivered(step, "planner").at(2.0).returned(step, Outcome.FAILED).say(facts.Failed(step, "slip", "on ice"))
-    replan = story.command("replan", "central")
-    story.say(facts.Caught(TaskId(step), TaskId(replan), TaskId(step), 9)).delivered(replan, "expert")
-    story.at(3.0).returned(replan).reached(replan, Moment.END_ACHIEVING).say(facts.Recovered(TaskId(step)))
-    story.reached(step, *Moment).at(5.0)
-    last = story.goal("step", "user")
-    story.delivered(last, "planner").at(6.0).returned(last, Outcome.FAILED).say(facts.Failed(last, "slip", "again"))
-    return story.reached(last, *Moment).at(8.0).say(facts.Closed("done"))
-
-
 def test_handled_failures_are_marked_and_found_too(look: Look, tmp_path: Path) -> None:
-    page = look(recovered().write(tmp_path / "walk"), "#t=0.5")
+    page = look(made("recovered").write(tmp_path / "walk"), "#t=0.5")
     expect(page.locator("#counts")).to_be_attached()
     for clock in ("2.000 s", "6.000 s"):
         page.keyboard.press("]")
@@ -96,7 +81,7 @@ def test_what_failed_is_seen_under_what_was_killed_for_it(look: Look, tmp_path: 
 
 
 def test_what_was_replaced_is_amber_as_it_is_good_in_the_report(look: Look, tmp_path: Path) -> None:
-    page = look(replacing().write(tmp_path / "walk"))
+    page = look(made("replaced").write(tmp_path / "walk"))
     expect(page.locator("#counts")).to_be_attached()
     page.locator(".row[data-task='2'] .name").click()
     expect(page.locator("#task h2")).to_have_text("step {2}")
@@ -134,20 +119,15 @@ def test_what_was_replaced_is_amber_as_it_is_good_in_the_report(look: Look, tmp_
 def test_the_mark_of_what_failed_in_a_closed_task_is_red_if_not_all_of_it_was_handled(
     look: Look, tmp_path: Path
 ) -> None:
-    page = look(replacing(top_fails=True).write(tmp_path / "walk"))
+    page = look(made("not_replaced").write(tmp_path / "walk"))
     page.locator(".row[data-task='1'] .twist").click()
     expect(page.locator(".hidden-failure")).to_have_class("hidden-failure")
 
 
 def test_what_is_being_recovered_says_who_does_that_and_for_how_long(look: Look, tmp_path: Path) -> None:
-    story = Story().module("legs", "move").module("expert", "recover").at(1.0)
-    move = story.command("move", "user")
-    story.delivered(move, "legs").at(2.0)
-    fail(story, move, "slip", "on ice")
-    story.rescued(move, "recover", "expert")
-    page = look(story.at(3.5).write(tmp_path / "walk"))
+    page = look(made("in_recovery").write(tmp_path / "walk"))
     told = page.locator(".row.recovering .why")
-    expect(told).to_have_text("slip: on ice; until recover {2} has dealt with its failure, for 1.5 s")
+    expect(told).to_have_text("slip: on ice; until recover {3} has dealt with its failure, for 1.5 s")
     expect(told).to_have_attribute("title", re.compile("recover.*\n\nslip: on ice"))
 
 
@@ -155,7 +135,7 @@ def test_what_is_being_recovered_says_who_does_that_and_for_how_long(look: Look,
 def test_a_query_that_failed_is_amber_if_who_asked_went_on(
     look: Look, tmp_path: Path, *, passed_on: bool, tint: str
 ) -> None:
-    page = look(asking(passed_on=passed_on, task_fails=passed_on).write(tmp_path / "ask"))
+    page = look(made("asking_in_vain" if passed_on else "asking").write(tmp_path / "ask"))
     expect(page.locator("#counts")).to_be_attached()
     page.evaluate("tca.slider.setTime(2.5)")
     expect(page.locator("#clock")).to_have_text("2.500 s")

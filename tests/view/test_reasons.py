@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.story import QUERY, THIS, Story, stumbling
+from tools.story import QUERY, THIS, Story, made, stumbling
 
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
@@ -19,23 +19,10 @@ WHOLE = "for controller of all legs, which terrain scanner has locked while hand
 TRACE = "it slipped on ice\n  File 'legs.py', line 7\n    " + "deep " * 80 + "at the root"
 
 
-def locked() -> Story:
-    """A move {2} waits for legs that another module has locked; one {3} has failed with a long text."""
-    story = Story().module("controller of all legs", "move").module("terrain scanner", "scan the whole terrain").at(1.0)
-    scan = story.command("scan the whole terrain", "user")
-    story.delivered(scan, "terrain scanner")
-    legs = "controller of all legs"
-    story.say(facts.Claimed(90, legs, legs, False, "terrain scanner", scan), facts.Granted(90)).at(2.0)
-    story.queued(story.command("move", "user"), legs)
-    failing = story.command("move", "user")
-    story.delivered(failing, legs).at(3.0).returned(failing, Outcome.FAILED)
-    return story.say(facts.Failed(failing, "slip", TRACE)).reached(failing, *Moment).at(5.0)
-
-
 def test_a_reason_is_cut_where_there_is_little_room_and_whole_at_the_mouse_and_in_the_pane(
     look: Look, tmp_path: Path
 ) -> None:
-    page = look(locked().write(tmp_path / "walk"))
+    page = look(made("locked").write(tmp_path / "walk"))
     why = page.locator(".row[data-task='2'] .why")
     for width, text in {2400: f"{WHOLE}, for 3 s", 1440: WHOLE}.items():
         page.set_viewport_size({"width": width, "height": 800})

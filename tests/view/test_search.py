@@ -4,31 +4,18 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.story import QUERY, Story
+from tools.story import Story, made
 
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.vocabulary import Outcome
 from view.conftest import Look
 
 pytestmark = pytest.mark.slow
 
 
-def asking() -> Story:
-    """A look {1} asks a map {2}, then one {3} that fails; a map is drawn {4}; that the battery is low {5} nobody hears."""
-    story = Story().module("eyes", "look").module("maps", "map", "draw map").at(1.0)
-    looks = story.goal("look", "user")
-    story.delivered(looks, "eyes").query("map", "eyes", looks, "maps", 0.5)
-    failing = story.at(2.0).received("map", QUERY, "eyes", origin=looks, blocking=True)
-    story.delivered(failing, "maps").at(3.0).returned(failing, Outcome.FAILED).say(facts.Failed(failing, "torn", ""))
-    drawn = story.at(4.0).command("draw map", "user")
-    story.delivered(drawn, "maps").at(5.0).returned(drawn).reached(drawn, Moment.END_ACHIEVING)
-    story.at(6.0).received("battery low", MessageClass.INFORM, "maps")
-    return story.at(7.0)
-
-
 def test_queries_and_informs_are_found_by_their_names(look: Look, tmp_path: Path) -> None:
-    page = look(asking().write(tmp_path / "maps"))
+    page = look(made("looking").write(tmp_path / "maps"))
     for words, order, told in (
         ("map", [4, 2, 3], "3 found"),
         ("map torn", [3], "1 found"),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.test_lives import grasping
+from tools.story import made
 
 from view.conftest import Look
 
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_the_page_shows_what_is_asked_for_and_the_newest_progress(look: Look, tmp_path: Path) -> None:
-    page = look(grasping().write(tmp_path / "grasp"), "#t=3.5&task=1")
+    page = look(made("grasping").write(tmp_path / "grasp"), "#t=3.5&task=1")
     why = page.locator(".row[data-task='1'] .why")
     expect(why).to_have_text('update requested, progress: {"force": 1}')
     pane = page.locator("#task")
