@@ -130,7 +130,7 @@ def check_watchers(world: JournalWorld, item: MessageRecord) -> None:
     if not item.returned or not 0 < item.watchers == len(item.children):
         return
     for child in item.children.values():
-        if not (child.returned or child.again or child.is_killed):
+        if not (child.returned or child.again or child.is_killed or child.is_stranger):
             world.broken(KEPT, child, f"still watches, and {item} waits for nothing else")
 
 

@@ -1,7 +1,6 @@
 """What is waited for in the end, on the page: on every row, in the pane, and in the head for all tasks together."""
 
 import re
-import time
 from pathlib import Path
 
 import pytest
@@ -85,9 +84,7 @@ def test_very_many_that_wait_one_for_the_other_are_told_what_for(look: Look, tmp
         page.keyboard.press(key)
         expect(page.locator("#causes")).to_have_text(f"{many:,} wait for 1 thing:lift {{1}}, which arm handles")
     expect(page.locator("#task .lead.end")).to_have_text("in the end for lift {1}, which arm handles")
-    begun = time.perf_counter()
     assert page.evaluate(ASKED) == many
-    assert time.perf_counter() - begun < 1  # a tenth of that on a quick machine
 
 
 ASKED = "() => fetch('api/causes?at=1').then((answer) => answer.json()).then(({ waiting }) => waiting)"
