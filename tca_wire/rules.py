@@ -86,8 +86,6 @@ def rules_of(is_goal: bool) -> TaskRules:
 PARENT_FIRST = START_PLANNING | START_ACHIEVING
 """Moments that a task reaches no sooner than its parent; what central sends for a reason of its own is free."""
 
-CHILDREN_FIRST = END_PLANNING | END_ACHIEVING
-"""Moments that a task reaches no sooner than all its children."""
 
 # --- wiretaps --------------------------------------------------------------------------------------------------------
 
