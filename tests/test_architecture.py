@@ -314,6 +314,24 @@ def test_rooms_import_along_the_arrows(package: str) -> None:
         assert own <= allowed, f"{path} imports {own - allowed}"
 
 
+@pytest.mark.parametrize("package", ["tca_central", "tca_module", "tca_tools", "tca_wire"])
+def test_the_picture_has_a_room_above_those_it_imports(package: str) -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").splitlines()
+    heads = next(line for line in page if line.startswith("tca_central  "))
+    starts = [*(found.start() for found in re.finditer(r"\S+", heads)), None]
+    column = heads.split().index(package)
+    first = page.index(heads) + 2
+    below = page[first : page.index("```", first)]
+    heights = {
+        room: -height
+        for height, line in enumerate(below)
+        for room in line[starts[column] : starts[column + 1]].replace("·", " ").split()
+    }
+    assert len(heights) > 10
+    for room, height in heights.items():
+        assert all(heights.get(lower, -99) < height for lower in ROOMS[package][room]), room
+
+
 def test_the_explorer_knows_the_pure_core_only() -> None:
     for path in files("tca_tools.explore"):
         of_central = {dotted.split(".")[1] for dotted in imports(path) if dotted.startswith("tca_central.")}
