@@ -37,10 +37,15 @@ class Columns:
     def frame(self, since: Mapping[str, int], more: Mapping[str, Any]) -> bytes:
         """All rows behind those places, with *more*."""
         rows = {
-            table: {name: column[since.get(table, 0) :].tolist() for name, column in columns.items()}
+            table: {name: _encoded(column[since.get(table, 0) :]) for name, column in columns.items()}
             for table, columns in self._tables.items()
         }
         lengths = {table: len(next(iter(columns.values()))) for table, columns in self._tables.items()}
         lengths["text"] = len(self._texts)
         texts = list(self._texts)[since.get("text", 0) :]
         return msgspec.json.encode({"tables": rows, "texts": texts, "lengths": lengths, **more})
+
+
+def _encoded(column: "array[Any]") -> msgspec.Raw:
+    """JSON of one column: as Python's numbers all of them would take much more memory."""
+    return msgspec.Raw(msgspec.json.encode(column.tolist()))
