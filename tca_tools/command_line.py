@@ -16,7 +16,7 @@ from click.shell_completion import get_completion_class
 from tca_wire.endpoint import NoHome
 from tca_wire.release import release
 from tca_wire.standard_streams import replace_closed_streams
-from tca_wire.text.nearest import nearest_or_all
+from tca_wire.text.nearest import did_you_mean
 
 COMMANDS = "tca.commands"
 _GROUPS = {
@@ -67,7 +67,8 @@ class CommandLine(click.Group):
         """The command that the arguments name. Raises UsageError, with the nearest name, if there is none."""
         known = self.list_commands(ctx)
         if not (args[0] in known or args[0].startswith("-") or ctx.resilient_parsing):
-            raise click.UsageError(f"no command '{args[0]}': {nearest_or_all(args[0], known)}", ctx)
+            advice = did_you_mean(args[0], known) or "'tca --help' lists them"
+            raise click.UsageError(f"no command '{args[0]}': {advice}", ctx)
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:

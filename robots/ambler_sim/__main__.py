@@ -59,7 +59,7 @@ def _fresh(folder: Path) -> Path:
         raise SystemExit(f"ambler: {folder} holds something else than a walk: name another folder with --out")
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        fcntl.flock(os.open(marker, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(os.open(marker, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644), fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise SystemExit(f"ambler: another walk is going on in {folder}: name another folder with --out") from None
     for path in folder.iterdir():

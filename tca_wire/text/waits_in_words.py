@@ -164,11 +164,11 @@ def _kept(because: Waits) -> str:
 def _keepers(because: Waits) -> str:
     running = [one for one in because if one.kind is WaitKind.RUNNING]
     parts = [f"busy with {_Alike(running).names}"] if running else []
-    parts += [f"which {_keeper(one)}" for one in because if one not in running]
+    parts += [f"which {_keeper(one, ' first' if running else '')}" for one in because if one not in running]
     return ", and ".join(parts)
 
 
-def _keeper(wait: WaitFor) -> str:
+def _keeper(wait: WaitFor, order: str) -> str:
     if wait.kind is WaitKind.HANDLER:
         return "has no handler now"
     whose = ""
@@ -177,7 +177,7 @@ def _keeper(wait: WaitFor) -> str:
         how = "while handling" if message.kind is WaitKind.RUNNING else "for"
         whose = f" {how} {numbered(message.name, message.number)}"
     to_lock, has_locked = ("reserve", "reserved") if wait.name == "reservation" else ("lock", "locked")
-    how = f"has {has_locked}" if wait.kind is WaitKind.LOCKED else f"waits to {to_lock}"
+    how = f"has {has_locked}" if wait.kind is WaitKind.LOCKED else f"waits to {to_lock}{order}"
     return f"{wait.module} {how}{whose}"
 
 

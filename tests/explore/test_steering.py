@@ -110,7 +110,7 @@ def test_the_steps_of_a_recovery_can_be_read() -> None:
     story = found(scenarios.ladder(), never(failed(WALK)))
     for line in (
         "1. user attaches higher for slipped to all step",
-        '2. user sends goal walk, with replan for slipped "straight"',
+        '2. user sends goal walk "straight", with replan for slipped',
         "5. legs in step {4} chooses slips, fails: slipped",
         '6. expert in higher {5} retries step {4} with "higher"',
         "9. expert in higher {7} reissues its failure",

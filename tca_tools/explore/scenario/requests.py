@@ -31,11 +31,14 @@ class RequestWording(Wording):
 
     def request(self, header: Any, body: bytes, message_class: MessageClass | None) -> str:
         """A header as what somebody does: "kills step {3} in 2 s". *message_class*: of the message that it names."""
-        said = self.filled(REQUESTS.get(type(header), f"asks for {type(header).__name__}"), header)
+        said, data = (
+            self.filled(REQUESTS.get(type(header), f"asks for {type(header).__name__}"), header),
+            data_in_words(body),
+        )
         if isinstance(header, headers.Send):
-            said = f"{'wants' if header.when_killed else 'sends'} {message_class} {said}"
-            said += self.filled(_WATCH, header.watch) if header.watch is not None else ""
-        return said + data_in_words(body)
+            watch = self.filled(_WATCH, header.watch) if header.watch is not None else ""
+            return f"{'wants' if header.when_killed else 'sends'} {message_class} {header.message}{data}{said}{watch}"
+        return said + data
 
 
 def data_in_words(body: bytes) -> str:
@@ -46,7 +49,7 @@ def data_in_words(body: bytes) -> str:
 
 REQUESTS: dict[type, str] = {
     headers.Send: (
-        "{message}[when_killed? if {parent:name} is killed][, within {deadline:seconds}]"
+        "[when_killed? if {parent:name} is killed][, within {deadline:seconds}]"
         "[, with {attachments:attachments}][if_handled?, if it is handled][suspended?, suspended]"
     ),
     headers.Constrain: "adds {constraints:constraints}",
@@ -71,7 +74,7 @@ REQUESTS: dict[type, str] = {
     headers.WaitUntilHandled: "waits until {messages:list} are handled",
     ChangeState: "takes '{transition}' of {task:name}",
 }
-"""The phrase of each request, as those of facts; that of a message stands behind its class."""
+"""The phrase of each request, as those of facts; that of a message stands behind its data."""
 _WATCH = "[, every {period:seconds}][, for {duration:seconds}]"
 
 
