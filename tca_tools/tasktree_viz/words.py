@@ -35,6 +35,8 @@ _LONGEST_PROGRESS = 40
 """Columns of an intermediate result."""
 _SHORTEST = 0.0005
 """Seconds: of a wait that has just begun nothing is said."""
+_LEAST = 20
+"""Columns of a wait that say something beside its last cause."""
 
 
 FOLDED_UP = (
@@ -93,12 +95,13 @@ class TaskNote(NamedTuple):
         return printable(f"in the end {self.last}") if self.last else ""
 
     def within(self, room: int | None, time: float) -> str:
-        """As much of it at a *time* as there is room for; for how long it waits gives way first."""
+        """As much of it at a *time* as there is room for: first goes for how long it waits, and last its last cause."""
         lasted = lasting(self.age, time) if self.text else ""
         whole = _joined("; ", self.text + lasted, self.end)
         if room is None or columns_of(whole) <= room:
             return whole
-        return cut(_joined("; ", self.text, self.end), room)
+        beside = room - columns_of(f"; {self.end}") if self.end else room
+        return _joined("; ", cut(self.text, beside), self.end) if beside >= _LEAST else cut(self.text, room)
 
 
 def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:
