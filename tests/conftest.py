@@ -68,11 +68,13 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """No collection of garbage looks through thousands of tests and all modules: not while they come, and not later."""
+    """No collection of garbage looks through thousands of tests and all modules: not while they come, and not later. Later
+    ones are rarer than usual: most of what tests make goes without them."""
     gc.disable()
     found = yield
     gc.freeze()
     gc.enable()
+    gc.set_threshold(50_000, 20, 20)
     return found
 
 

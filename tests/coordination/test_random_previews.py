@@ -47,7 +47,7 @@ def lived(machine: Coordination, policy: Policy | None, seed: int, acts: int = 2
         return Life(run.central.transcript(), run.central.entries[:])
 
 
-@settings(max_examples=lives(8, soak=200))
+@settings(max_examples=lives(5, soak=200))
 @given(SEEDS)
 def test_where_nothing_is_likely_a_run_is_that_of_the_plain_machine(seed: int) -> None:
     machine = random_machine(Random(seed), unlikely=True)
@@ -55,14 +55,14 @@ def test_where_nothing_is_likely_a_run_is_that_of_the_plain_machine(seed: int) -
     assert re.sub(r'"refused": \[[^]]*\]', '"refused": []', ahead) == plain
 
 
-@settings(max_examples=lives(8, soak=200))
+@settings(max_examples=lives(5, soak=200))
 @given(SEEDS)
 def test_nothing_ahead_violates_a_condition_of_the_current_activity(seed: int) -> None:
     machine = random_machine(Random(seed))
     check_conditions(machine, lived(machine, EAGER, seed).entries)
 
 
-@settings(max_examples=lives(8, soak=200))
+@settings(max_examples=lives(5, soak=200))
 @given(SEEDS)
 def test_a_machine_goes_the_way_that_it_goes_without_a_preview(seed: int) -> None:
     machine = random_machine(Random(seed))
@@ -74,7 +74,7 @@ def test_a_machine_goes_the_way_that_it_goes_without_a_preview(seed: int) -> Non
     )  # wrong predictions may cost time, again and again, but it stands nowhere still
 
 
-@settings(max_examples=lives(12, soak=200))
+@settings(max_examples=lives(7, soak=200))
 @given(SEEDS)
 def test_each_visit_to_a_state_has_an_execution_of_its_own(seed: int) -> None:
     machine = random_round(Random(seed))

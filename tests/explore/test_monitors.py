@@ -122,9 +122,8 @@ def test_what_is_to_start_at_its_end_is_refused_unless_that_is_waited_for(waited
     scenario = stepping(step, is_low=waited_for)
     scenario.module("dock").handles(RECHARGE)(nothing)
     scenario.module("wheels").handles(MOVE)(nothing)
-    good(scenario, eventually(achieved(STEP)), never_stuck(), before(achieved(BATTERY), achieved(MOVE)))
     moves = eventually(achieved(MOVE)) if waited_for else never(sent(MOVE))
-    good(scenario, moves)
+    good(scenario, eventually(achieved(STEP)), never_stuck(), before(achieved(BATTERY), achieved(MOVE)), moves)
 
 
 def suspends(task: Task) -> None:

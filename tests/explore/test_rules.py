@@ -168,7 +168,7 @@ def test_a_lost_module_releases_those_who_wait() -> None:
 
 
 def test_without_its_legs_it_waits() -> None:
-    assert "queued" in found(walking(never_stuck(), may_be_lost=1))
+    assert "queued" in found(walking(never_stuck(), steps=1, may_be_lost=1))
 
 
 # --- who waits for an exception handler is helped by somebody ---------------------------------------------------------

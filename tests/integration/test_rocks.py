@@ -28,7 +28,7 @@ TALL = "1.1 0.9 0.25 1.9"
 BROAD = "1.4 0.3 0.7 1.9"
 """Too broad for a leg to go around, until the feet stand otherwise."""
 
-HUGE = "5.2 0.0 2.4 1.9"
+HUGE = "3.2 0.0 2.4 1.9"
 """No leg gets past it: the walk is given up there."""
 
 UNCHECKED = ("--without", "stability", "--without", "footfall")
@@ -82,15 +82,15 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Walks:
 @pytest.fixture(scope="module")
 def given_up(tmp_path_factory: pytest.TempPathFactory) -> Walk:
     """A walk to the huge rock, without checks: so it breaks rules before it is given up."""
-    return walk_with(tmp_path_factory.mktemp("huge"), HUGE, "5", options=UNCHECKED)
+    return walk_with(tmp_path_factory.mktemp("huge"), HUGE, options=UNCHECKED)
 
 
 @pytest.fixture(scope="module")
 def faulty(tmp_path_factory: pytest.TempPathFactory) -> Walk:
-    """Twenty metres of 30 % hills, on which each fault occurs."""
+    """Fifteen metres of 30 % hills, on which each fault occurs."""
     options = [text for fault in FAULTS for text in ("--fault", fault)]
     folder = tmp_path_factory.mktemp("faults")
-    return walk(folder, "--backend", "kinematic", "--distance", "20", "--terrain", "hills", *options)
+    return walk(folder, "--backend", "kinematic", "--distance", "15", "--terrain", "hills", *options)
 
 
 def assert_walked(walk: Walk) -> None:

@@ -117,7 +117,7 @@ def test_times_give_way_to_reasons(tca: Tca, tmp_path: Path, columns: int, headi
 # --- What the tools do for a run grows as its journal does: lines of ours that are executed are counted, not seconds
 
 
-SIZES = 1, 30, 60, 120
+SIZES = 1, 20, 40, 80
 TRACED = [
     *((shape, tool) for shape in SHAPES for tool in ("replay --text", "view", "export csv")),
     *(("retries", tool) for tool in ("report", "gantt svg", "check", "stats", "export mcap", "export perfetto")),
