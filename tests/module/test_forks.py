@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from module.real_central import SOON, RealCentral
+from module.real_central import SOON, RealCentral, until
 
 from tca_module import Command, LaterReply, MisuseError, Module, Query, Task, connect
 from tca_module.client import Client
@@ -69,6 +69,7 @@ def test_a_forked_process_is_told_at_each_use(tmp_path: Path) -> None:
         with module.running(), connect("user", central.address) as user:
             moved = user.command(MOVE, 1)
             assert user.query(WHERE, timeout=SOON) == 5
+            until(lambda: owed, "the move is handled")
             hold(module, user, owed[0])
             with multiprocessing.get_context("fork").Pool(1) as pool:
                 assert pool.apply_async(in_child, (central.address,)).get(SOON) == 5
