@@ -46,7 +46,8 @@ def _calls(at: RunAt, task: Task, start: float, end: float) -> Iterator[Call]:
             if runs:
                 text += f" in {runs[-1].module}"
             if handler.state not in (TaskState.HANDLING, TaskState.ACHIEVED):
-                text += f": {handler.state}"
+                why = first_line(handler.failure)
+                text += f": {handler.state}" + (f" ({why})" if why else "")
             yield Call(record.received, 2 * one, text)
         for time, how in passed_on(run, number):
             yield Call(time, 2 * one + 1, f"{run.describe(number)} {how}")
