@@ -21,7 +21,10 @@ def test_a_failure_that_somebody_further_out_dealt_with_was_overcome() -> None:
     assert {name: case.fate for name, case in cases.items()} == {
         "slip": Fate.DEALT_WITH, "handler error": Fate.REPLACED, "module lost": Fate.REPLACED,
     }  # fmt: skip
-    assert cases["slip"].called == ["recover {5} was called in expert: failed (handler error: why)", "report {7} was called in office"]
+    assert cases["slip"].called == [
+        "recover {5} was called in expert: failed (handler error: why)",
+        "report {7} was called in office",
+    ]
 
 
 def test_where_nobody_could_decide_the_story_leads_to_the_first_failure_and_from_there_to_the_others() -> None:
