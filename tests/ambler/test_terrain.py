@@ -18,7 +18,7 @@ def test_hills_are_as_steep_as_asked_for_and_never_steeper(seed: int, slope: flo
     ways = np.arange(0.0, 60.0, 0.25)
     slopes = [terrain.gradient_at(way * np.cos(heading), way * np.sin(heading)) for way in ways]
     assert max(slopes) <= slope * 1.001
-    assert max(slopes) >= 0.7 * slope
+    assert max(slopes) >= 0.6 * slope
     assert max(slopes[:20]) <= 0.3 * slope  # the start is gentle
 
 
