@@ -61,7 +61,6 @@ _TAKE: dict[type, Take] = {
     facts.Killed: _of(_TASK, "task", "was killed", failing.killed),
     facts.SuspendedOrResumed: _of(_TASK, "task", "was suspended or resumed", failing.suspended),
     facts.StateChanged: _of(_TASK, "task", "changed its state", lives.changed),
-    facts.Retried: _of(_TASK, "task", "was retried", failing.retried),
     facts.Caught: _of(_TASK, "task", "was caught", failing.caught),
     facts.Reissued: _of(_TASK, "handler", "reissued its failure", failing.reissued),
     facts.Resolved: _of(_TASK, "handler", "resolved its failure", failing.resolved),

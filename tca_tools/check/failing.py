@@ -256,8 +256,13 @@ def suspended(world: JournalWorld, item: MessageRecord, fact: facts.SuspendedOrR
         world.broken(SUSPENDED, item, f"was {'suspended' if fact.is_suspended else 'resumed'} already")
 
 
-def retried(world: JournalWorld, item: MessageRecord, fact: facts.Retried) -> None:
+def retried(world: JournalWorld, fact: facts.Retried) -> None:
     """A task is to be handled again."""
+    asking = world.known(world.asked_by)
+    if asking is not None and asking.role is Role.EXCEPTION:
+        asking.has_resolved = True
+    if (item := world.task(fact.task, "was retried")) is None:
+        return
     if item.is_killed:
         world.broken(KILLED, item, "was retried, and it is killed")
     item.failure, item.body, item.is_resolved = "", fact.body or item.body, False
@@ -265,9 +270,6 @@ def retried(world: JournalWorld, item: MessageRecord, fact: facts.Retried) -> No
     item.attempts += item.is_begun
     for child in item.children.values():  # the failures that they were called for are forgotten
         child.is_void = child.is_void or child.role is Role.EXCEPTION
-    asking = world.known(world.asked_by)
-    if asking is not None and asking.role is Role.EXCEPTION:
-        asking.has_resolved = True
     item.is_retried = True
     item.passed.clear()
     world.flagged.append(item)
