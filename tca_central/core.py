@@ -11,11 +11,11 @@ what each message means to them, and this file decides when.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sized
 from functools import partial
 from itertools import compress
 from operator import attrgetter
-from typing import Any
+from typing import Never, TypeVar, cast
 
 import msgspec
 
@@ -25,6 +25,7 @@ from tca_central.deadlock import deadlocks
 from tca_central.errors import RequestError
 from tca_central.events import (
     BadBytes,
+    ConnectionId,
     ConnectionLost,
     DiskSpace,
     Effect,
@@ -43,7 +44,8 @@ from tca_central.failing import attaching, failures
 from tca_central.life_cycles import busy, changes, observing
 from tca_central.locks import claims
 from tca_central.model.clock import Timer
-from tca_central.model.deliveries import Connection, Module, Wiretap
+from tca_central.model.deliveries import Connection, Delivery, Module, ModuleClaim, Wiretap
+from tca_central.model.stored import Stored
 from tca_central.model.tasks import Recovery, Task, TaskOutcome, Watch
 from tca_central.outgoing import availability, direct_routes
 from tca_central.requests import (
@@ -67,6 +69,8 @@ from tca_wire.packets.routes import Noted, WatchEntrance
 from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import Due, Limit, Refusal, Role
 
+T = TypeVar("T")
+
 _LONGEST_BODY = int(Limit.BODY)
 
 
@@ -83,19 +87,19 @@ class Central(State):
         """Say where the agenda's results go: that is no state, and made anew for one that comes from an image."""
         agenda = self.agenda
         # The agenda's items and their handlers, in this order: all of one kind before the next.
-        self._outputs: tuple[tuple[deque[Any], Callable[[Any], None]], ...] = (
-            (agenda.taps_to_fire, self._fire_before),
-            (agenda.tap_events, lambda event: taps.fire_after(self, *event)),
-            (agenda.resumed, partial(monitors.go_on, self)),
-            (agenda.only_watched, partial(monitors.end_watchers, self)),
-            (agenda.withdrawn, lambda task: self.dispatcher.withdraw(task, keep_place=task.suspended or task.retrying)),
-            (agenda.ended, self._on_ended),
-            (agenda.unanswered, partial(changes.decide_instead, self)),
-            (agenda.ended_waits, lambda reached: REACHED[type(reached[1])](self, reached[1], reached[0])),
-            (self.dispatcher.granted, partial(claims.tell_granted, self)),
-            (self.dispatcher.crowded, partial(busy.on_crowded, self)),
-            (self.dispatcher.displaced, lambda displaced: replying.tell_displaced(self, *displaced)),
-            (self.dispatcher.stranded, partial(failures.pass_over, self)),
+        self._outputs: tuple[tuple[Sized, Callable[[], None]], ...] = (
+            _output(agenda.taps_to_fire, self._fire_before),
+            _output(agenda.tap_events, lambda event: taps.fire_after(self, *event)),
+            _output(agenda.resumed, partial(monitors.go_on, self)),
+            _output(agenda.only_watched, partial(monitors.end_watchers, self)),
+            _output(agenda.withdrawn, self._withdraw),
+            _output(agenda.ended, self._on_ended),
+            _output(agenda.unanswered, partial(changes.decide_instead, self)),
+            _output(agenda.ended_waits, self._on_reached),
+            _output(self.dispatcher.granted, partial(claims.tell_granted, self)),
+            _output(self.dispatcher.crowded, partial(busy.on_crowded, self)),
+            _output(self.dispatcher.displaced, lambda displaced: replying.tell_displaced(self, *displaced)),
+            _output(self.dispatcher.stranded, partial(failures.pass_over, self)),
         )
         self._output_queues = tuple(waiting for waiting, _ in self._outputs)
 
@@ -120,8 +124,8 @@ class Central(State):
     def _let_fire(self, timer: Timer, time: float, effects: list[Effect]) -> None:
         self.events += 1
         due, subject = timer.due, timer.subject
-        about: Any = getattr(subject, "task", subject)  # the task or the claim
-        TIMERS[due](self, subject)
+        about = cast("Delivery | ModuleClaim | None", getattr(subject, "task", subject))  # the task or the claim
+        TIMERS[due](self, cast("Never", subject))
         self._settle()
         self._report(effects, time, causes.TimeOver(due, about.id if about is not None else 0))
 
@@ -206,7 +210,7 @@ class Central(State):
         if len(body) > _LONGEST_BODY:
             replying.refuse_body(self, connection, header, len(body))
         else:
-            HANDLERS[type(header)](self, connection, header, body)
+            HANDLERS[type(header)](self, connection, cast("Never", header), body)  # its row takes just that
 
     def _checked_origin(self, origin: int, connection: Connection) -> int:
         """The delivery whose handler asks, as a request says; 0 if its module does not handle that."""
@@ -240,7 +244,7 @@ class Central(State):
         effects += self.messages
         self.messages.clear()
 
-    def _refuse(self, connection_id: Any, number: int, refusal: Refusal, text: str) -> None:
+    def _refuse(self, connection_id: ConnectionId, number: int, refusal: Refusal, text: str) -> None:
         connection = self.registry.connections.get(connection_id)
         if connection is not None:
             self.refuse(connection, number, refusal, text)
@@ -283,9 +287,15 @@ class Central(State):
                 return
 
     def _take_outputs(self) -> None:
-        for queue, take in compress(self._outputs, self._output_queues):  # a queue is looked at when its turn comes
-            while queue:
-                take(queue.popleft())
+        for _, take_all in compress(self._outputs, self._output_queues):  # a queue is looked at when its turn comes
+            take_all()
+
+    def _on_reached(self, reached: tuple[Task, Stored]) -> None:
+        task, wait = reached
+        REACHED[type(wait)](self, cast("Never", wait), task)
+
+    def _withdraw(self, task: Task) -> None:
+        self.dispatcher.withdraw(task, keep_place=task.suspended or task.retrying)
 
     def _fire_before(self, tapped: tuple[Task, list[Wiretap]]) -> None:
         """Fire wiretaps before a task goes on. What no listener holds is reached before anything else follows."""
@@ -353,6 +363,16 @@ class Central(State):
             self.tree.never_began.pop(forgotten, None)
 
 
+def _output(waiting: deque[T], take: Callable[[T], None]) -> tuple[Sized, Callable[[], None]]:
+    """A queue, and the way to hand on all that is in it."""
+
+    def take_all() -> None:
+        while waiting:
+            take(waiting.popleft())
+
+    return waiting, take_all
+
+
 def _named(connection: Connection | None) -> tuple[str, int]:
     """A connection as causes name it."""
     return ("?", 0) if connection is None else (connection.module.name, connection.number)
@@ -364,7 +384,7 @@ def _first_of(startable: list[Task]) -> list[Task]:
     return stranded or [task for task in startable if task.message.message_class.is_monitor] or startable
 
 
-HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
+HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
     headers.Hello: joining.on_hello_again,
     headers.Register: joining.on_register,
     headers.Unregister: joining.on_unregister,
@@ -425,14 +445,14 @@ class _Kind:
         self.needs_number = header in _WAITS  # by which its answer is found
         self.may_forge = "origin" in fields and header is not headers.Lock  # that is refused, with better words
         self.names_tasks = bool(naming.NAMING[header])
-        self.origin: Callable[[Any], int] | None = attrgetter(origin) if origin else None
+        self.origin: Callable[[ToCentral], int] | None = attrgetter(origin) if origin else None
         """Reads the delivery whose handler sends such a header; None if it has none."""
 
 
 KINDS = {header: _Kind(header) for header in HANDLERS}
 
 
-REACHED: dict[type, Callable[[Central, Any, Task], None]] = {
+REACHED: dict[type, Callable[[Central, Never, Task], None]] = {
     TaskWait: lambda central, wait, task: wait.answer(central, central.outcome(task)),
     steering.PendingKill: lambda central, pending, _: pending.go_on(central),
     Watch: watches.on_end_point,
@@ -440,7 +460,7 @@ REACHED: dict[type, Callable[[Central, Any, Task], None]] = {
 """One row per kind of wait for a moment of a task: what happens when it is reached."""
 
 
-TIMERS: dict[Due, Callable[[Central, Any], None]] = {
+TIMERS: dict[Due, Callable[[Central, Never], None]] = {
     Due.RELEASE: lambda central, release: central.agenda.end_delay(release),
     Due.DEADLINE: steering.on_time_out,
     Due.KILL: lambda central, ending: ending.carry_out(central),

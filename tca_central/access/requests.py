@@ -6,7 +6,7 @@ mentions that does not exist is left to the function that carries it out: that r
 """
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Never, TypeVar, cast
 
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection, Delivery, Holder, Module
@@ -18,6 +18,8 @@ from tca_wire.packets.routes import Noted, WatchEntrance
 from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import Permission, Refusal, Role, Scope
 
+H = TypeVar("H", bound=headers.ToCentral)
+
 SEND, HANDLE, TAP = Permission.SEND, Permission.HANDLE, Permission.TAP
 LOCK, KILL, ADMINISTER = Permission.LOCK, Permission.KILL, Permission.ADMINISTER
 
@@ -28,7 +30,7 @@ OPEN_TOPICS = ("messages", "modules")
 def check(central: State, connection: Connection, header: headers.ToCentral) -> None:
     """Raise RequestError if a connection may not ask for that."""
     if (needs := NEEDS[type(header)]) is not None:
-        needs(central, connection, header)
+        needs(central, connection, cast("Never", header))
 
 
 def forbidden(connection: Connection, what: str) -> RequestError:
@@ -225,12 +227,12 @@ def _noted(_: State, connection: Connection, header: Noted) -> None:
         _need(connection, HANDLE, note.message)
 
 
-def _controls(what: str, number: Callable[[Any], TaskId]) -> Callable[[State, Connection, Any], None]:
+def _controls(what: str, number: Callable[[H], TaskId]) -> Callable[[State, Connection, H], None]:
     """A request that steers the task of that *number*."""
     return lambda central, connection, header: _control(central, connection, number(header), what)
 
 
-NEEDS: dict[type, Callable[[State, Connection, Any], None] | None] = {
+NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
     headers.Hello: None,  # joining.py: which names a principal may have
     headers.Register: _register,
     headers.Unregister: None,

@@ -10,7 +10,7 @@ comes a None for whatever was looked at and holds nothing back; so a step never 
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import NamedTuple, Never, cast
 
 from tca_central.model.deliveries import Connection, Delivery, ModuleClaim, ModuleResource
 from tca_central.model.intervals import SINGLE_MOMENTS, delivered_at
@@ -88,7 +88,7 @@ Groups = Iterator[Group | None]
 
 def needs(central: State, node: Node, each: Each = iter) -> Groups:
     """The needs of a node, as groups. Give ``list`` for *each* if central may change during the walk."""
-    return _OF[type(node)](central, node, each)
+    return _OF[type(node)](central, cast("Never", node), each)
 
 
 def still_needs(central: State, node: Node, group: Group) -> bool:
@@ -342,7 +342,7 @@ def _of_killed(central: State, task: Task, moment: int, each: Each) -> Groups:
                 yield None if child.reached & moment else [Place(child, moment)]
 
 
-_OF: dict[type, Callable[[State, Any, Each], Groups]] = {
+_OF: dict[type, Callable[[State, Never, Each], Groups]] = {
     Place: _of_point,
     Waiting: _of_wait,
     Returning: _of_handler,

@@ -6,7 +6,6 @@ Of very many things only so many are looked at, and the first few told one by on
 from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 from operator import attrgetter
-from typing import Any
 
 from msgspec.structs import replace
 
@@ -44,8 +43,6 @@ from tca_wire.points import (
 from tca_wire.vocabulary import Role
 from tca_wire.waits import NAMED, WaitFor, WaitKind, first_ones
 from tca_wire.waits import ends as walker
-
-AnyResource = Resource[Connection, Any]
 
 _ORDER = {WaitKind.RECOVERY: 0, WaitKind.PARENT: 2}
 """Exception handlers that decide are told first, the beginning of the parent last."""
@@ -95,7 +92,7 @@ def _about(kind: WaitKind, one: Delivery, moment: int = 0) -> WaitFor:
     return WaitFor(kind, one.message_id, one.message.name, moment)
 
 
-def _at(kind: WaitKind, resource: AnyResource, because: Iterable[WaitFor]) -> WaitFor:
+def _at(kind: WaitKind, resource: Resource[Connection, Delivery], because: Iterable[WaitFor]) -> WaitFor:
     """A wait for something at a resource."""
     module, name = resource.module, resource.name
     return WaitFor(kind, module=module, resource=name, because=tuple(because))
@@ -281,7 +278,7 @@ def _whereabouts(central: State, delivery: Delivery, *, is_first: bool = True) -
 # --- resources -------------------------------------------------------------------------------------------------------
 
 
-def of_resource(central: State, resource: AnyResource, node: Node, more: int = 0) -> WaitFor:
+def of_resource(central: State, resource: Resource[Connection, Delivery], node: Node, more: int = 0) -> WaitFor:
     """The wait of a node for a resource, or one of so many *more*."""
     because = [WaitFor(WaitKind.HANDLER)]
     if resource.slots:

@@ -1,9 +1,8 @@
 """Messages that central makes itself, notices among them; copies for many handlers; and the suspension of handlers."""
 
 from collections.abc import Callable
-from typing import Any
 
-from tca_central.model.deliveries import Delivery, MessageType, ModuleResource
+from tca_central.model.deliveries import Context, Delivery, MessageType, ModuleResource
 from tca_central.model.tasks import Task
 from tca_central.needs.texts import why_full
 from tca_central.state import State, dropped_fact, lose
@@ -68,7 +67,7 @@ def why_nobody_has_room(central: State, message: MessageType, body: bytes) -> st
 
 def make_task(
     central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, about: Delivery | None = None,
-    context: Any = None, prepare: Callable[[Task], None] = lambda _: None,
+    context: Context | None = None, prepare: Callable[[Task], None] = lambda _: None,
 ) -> Task:  # fmt: skip
     """A new task under *parent*, sent for *about* (None: *parent*), which waits for nothing above it. *prepare* is
     called with it before it is in the tree.
@@ -96,8 +95,9 @@ def _tap_depth(central: State, about: Delivery, role: Role) -> int:
 
 
 def make_delivery(
-    central: State, message: MessageType, body: bytes, role: Role, *, about: Delivery | None, context: Any = None
-) -> Delivery:
+    central: State, message: MessageType, body: bytes, role: Role, *, about: Delivery | None,
+    context: Context | None = None,
+) -> Delivery:  # fmt: skip
     """A new message that is no task, recorded but not on its way yet."""
     made = Delivery(central.new_id(), message, body, None)
     made.role, made.context = role, context
@@ -112,8 +112,9 @@ def make_delivery(
 
 
 def make_statement(
-    central: State, message: MessageType, body: bytes, role: Role, *, about: Delivery | None, context: Any = None
-) -> Delivery:
+    central: State, message: MessageType, body: bytes, role: Role, *, about: Delivery | None,
+    context: Context | None = None,
+) -> Delivery:  # fmt: skip
     """A new inform or broadcast, on its way to whoever handles it."""
     made = make_delivery(central, message, body, role, about=about, context=context)
     route_statement(central, made)
@@ -128,7 +129,7 @@ def broadcast_notice(central: State, notice: Notice[D], data: D) -> None:
 
 
 def make(
-    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, context: Any = None
+    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, context: Context | None = None
 ) -> Delivery:
     """A new task under *parent* or, if the message is none, a new statement."""
     if message.message_class.is_task:

@@ -1,7 +1,5 @@
 """Handlers return or fail: their tasks go on, and the sender is answered."""
 
-from typing import Any
-
 from tca_central.control.monitors import on_condition_answered
 from tca_central.control.revoking import warn_of_losses
 from tca_central.errors import RequestError
@@ -17,7 +15,7 @@ from tca_wire.journal import facts
 from tca_wire.messages.failures import HANDLER_ERROR, OVERLOAD
 from tca_wire.messages.formats import NIL
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Answer
+from tca_wire.packets.headers import Answer, ToCentral
 from tca_wire.rules import FAILURE, REPLIED, RETURNED, SUCCESS
 from tca_wire.vocabulary import Dropping, Limit, Outcome, Refusal, Role
 
@@ -132,7 +130,7 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
         reissue(central, delivery)
 
 
-def refuse_body(central: State, connection: Connection, header: Any, size: int) -> None:
+def refuse_body(central: State, connection: Connection, header: ToCentral, size: int) -> None:
     """A body is longer than any may be: a handler that has answered with it fails, else it is refused."""
     text = f"a body of {size:,} bytes; at most {Limit.BODY:,} are allowed: send a reference to the data instead"
     if not isinstance(header, headers.Reply | headers.Fail):

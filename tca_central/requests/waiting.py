@@ -1,7 +1,5 @@
 """Modules wait for a moment of a task or for an answer; and waits that end without one."""
 
-from typing import Any
-
 from tca_central.life_cycles.observing import begin_observers_wait
 from tca_central.locks.claims import give_up_claim
 from tca_central.model.budget import WAIT_BYTES
@@ -18,7 +16,8 @@ from tca_wire.messages.failures import DEADLOCK
 from tca_wire.packets import headers
 from tca_wire.vocabulary import Dropping
 
-_AWAITED = (Delivery, Collector, TaskWait, Observation)
+Awaited = Delivery | Collector | TaskWait | Observation
+"""What the answer to a request may depend on."""
 _GIVEN_UP = {Dropping.GIVEN_UP: "its sender gave up", Dropping.DEADLOCK: DEADLOCK}
 
 
@@ -44,18 +43,19 @@ def on_await(central: State, connection: Connection, header: headers.Await, _: b
     its own resource may answer within the wait.
     """
     numbers = (header.request, *header.others)
-    awaited = [connection.outstanding.get(number) for number in numbers]
+    found = (connection.outstanding.get(number) for number in numbers)
+    awaited = [one for one in found if isinstance(one, Awaited)]
     observed = [one for one in awaited if isinstance(one, Observation)]
     if connection.untold and not observed:
         central.tell_tasks(connection)
     if header.seen < 0:
         for one in observed:
             central.end_observers_wait(one)
-    elif sum(one.told for one in observed) == header.seen and all(isinstance(one, _AWAITED) for one in awaited):
+    elif sum(one.told for one in observed) == header.seen and len(awaited) == len(numbers):
         _begin_waits(central, connection, header, awaited)
 
 
-def _begin_waits(central: State, connection: Connection, header: headers.Await, awaited: list[Any]) -> None:
+def _begin_waits(central: State, connection: Connection, header: headers.Await, awaited: list[Awaited]) -> None:
     for due in awaited:
         if isinstance(due, Delivery | Collector):
             central.facts.append(facts.Awaited(due.id))

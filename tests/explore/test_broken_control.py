@@ -23,6 +23,7 @@ from tca_central.order.agenda import Agenda
 from tca_central.order.dispatcher import Dispatcher
 from tca_central.order.holds import Holds
 from tca_central.requests import joining
+from tca_central.requests.sending import on_send
 from tca_central.state import TaskWait
 from tca_central.watching import taps, watches
 from tca_module import Condition
@@ -180,10 +181,8 @@ def a_wait_is_never_over(patch: Patch) -> None:
 
 
 def what_nobody_handles_is_sent_all_the_same(patch: Patch) -> None:
-    real = HANDLERS[Send]
-
     def send(central: Any, connection: Any, header: Send, body: bytes) -> None:
-        real(central, connection, replace(header, if_handled=False), body)
+        on_send(central, connection, replace(header, if_handled=False), body)
 
     patch.setitem(HANDLERS, Send, send)
 
