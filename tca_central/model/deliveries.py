@@ -19,7 +19,7 @@ from tca_wire.packets.headers import WaitUntilHandled
 from tca_wire.packets.parts import HandlerFormat, MessageFormat, Tapped, Trouble, Watching, WatchOptions
 from tca_wire.packets.routes import Entrance
 from tca_wire.points import TaskId
-from tca_wire.rules import rules_of
+from tca_wire.rules import TaskRules, rules_of
 from tca_wire.vocabulary import Busy, Condition, Role
 
 REMEMBERED_TASKS = 128
@@ -207,7 +207,7 @@ class Declared(Stored):
     """What a message was declared as, and what follows from that."""
 
     __slots__ = ("declarers", "fans_out", "first_declared_by", "format", "initial", "is_aside", "is_goal", "is_notice",
-                 "message_class", "name", "parts", "rules", "running")  # fmt: skip
+                 "message_class", "name", "parts", "running")  # fmt: skip
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
         self.redefine(declared, by)
@@ -220,7 +220,6 @@ class Declared(Stored):
         self.parts = declared.parts
         self.message_class = declared.message_class
         self.is_goal = declared.message_class.is_goal
-        self.rules = rules_of(self.is_goal)
         self.initial, self.running = self.life_cycle.initial, self.life_cycle.accepted.target
         self.is_aside = declared.message_class.is_aside
         self.is_notice = declared.name in NOTICES
@@ -231,6 +230,11 @@ class Declared(Stored):
     def title(self) -> str:
         """For people: "goal 'walk'"."""
         return f"{self.message_class} '{self.name}'"
+
+    @property
+    def rules(self) -> TaskRules:
+        """The rules of its tasks' moments."""
+        return rules_of(self.is_goal)
 
     @property
     def life_cycle(self) -> LifeCycle:
