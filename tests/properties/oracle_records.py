@@ -6,6 +6,7 @@ from typing import Any, TypeGuard
 
 from tca_central.events import Effect, Record, Transmit
 from tca_wire.journal import facts
+from tca_wire.journal.causes import TimeOver
 from tca_wire.messages.failures import LOCK_LOST
 from tca_wire.packets import headers
 from tca_wire.points import Moment
@@ -137,6 +138,7 @@ class Alarm:
     """Something that is due at a time for a task: a deadline, a kill, a monitor's end or (*is_test*) its next test."""
 
     due: float
+    step: int  # in which it was set
     node: Node
     moment: Moment | None = None  # of a deadline
     ending: "Ending | None" = None
@@ -215,6 +217,8 @@ class Seen:
     def __init__(self, effects: list[Effect]) -> None:
         self.facts = [fact for effect in effects if isinstance(effect, Record) for fact in effect.entry.facts]
         self.told = [(effect.connection.decode(), effect.header) for effect in effects if isinstance(effect, Transmit)]
+        causes = [effect.entry.cause for effect in effects if isinstance(effect, Record)]
+        self.due = [cause.about for cause in causes if isinstance(cause, TimeOver)]
         births = [fact for fact in self.facts if isinstance(fact, facts.Received)]
         self.sent = [birth for birth in births if birth.sender != "central"]
         self.made = [birth for birth in births if birth.sender == "central"]
@@ -226,6 +230,10 @@ class Seen:
         ]
         refused = [(name, header) for name, header in self.told if isinstance(header, headers.Refused)]
         self.deadlocked = [(name, header.number) for name, header in refused if header.refusal is Refusal.DEADLOCK]
+
+    def place(self, task: int) -> int:
+        """The place of a task among those for which something was due."""
+        return self.due.index(task) if task in self.due else len(self.due)
 
     @property
     def is_refused(self) -> bool:

@@ -170,16 +170,17 @@ def _end(world: World, node: Node) -> None:
 
 
 def set_alarm(world: World, seconds: float, node: Node, **what: Any) -> None:
-    world.alarms.append(Alarm(world.time + seconds, node, **what))
+    world.alarms.append(Alarm(world.time + seconds, world.step, node, **what))
 
 
 def let_time_pass(world: World, settle: Callable[[], None]) -> None:
     """All that is due by now happens, in its order, each settled before the next; of those due at the same time, the one
-    set first is first.
+    set first is first. Of those set in one event, any may be.
     """
     while (due := _next_due(world)) <= world.time:
         world.due_by = due
-        for alarm in [alarm for alarm in world.alarms if alarm.due <= due][:1]:
+        alarms = [alarm for alarm in world.alarms if alarm.due <= due]
+        for alarm in sorted(alarms, key=lambda one: (one.step, world.seen.place(one.node.id)))[:1]:
             world.alarms.remove(alarm)
             if alarm.ending is not None:
                 oracle_failures.kill_scope(world, alarm.ending)

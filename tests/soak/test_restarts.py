@@ -106,7 +106,7 @@ def test_thirty_full_disks_on_one_journal(tmp_path: Path) -> None:
                 for _ in range(DISKS):
                     using = pool.submit(use, address, disk / "ballast", dice.choice((0, 4096, 8192)))
                     running.hear("waits for room")
-                    assert run("tca_central", "--journal", f"{disk}/journal").returncode == DISK_FULL
+                    assert run("-m", "tca_central", "--journal", f"{disk}/journal").returncode == DISK_FULL
                     (disk / "ballast").unlink()
                     running.hear("listening on")
                     if dice.random() < 0.5:
