@@ -20,7 +20,8 @@ from robots.office_sim.messages import (
     SCENE,
 )
 from robots.office_sim.vocabulary import CupState, LabScene
-from robots.show import between, forwarded, history, parser_of, save_picture, shown
+from robots.options import between, forwarded, parser_of
+from robots.show import history, save_picture, shown
 from tca_module import Client, Message, TcaError, connect
 from tca_tools.supervise.programs import Programs, central_in
 
@@ -41,7 +42,7 @@ PATIENCE = 900.0
 
 def main() -> int:
     """The command line; the exit code."""
-    parser = parser_of("office", __doc__)
+    parser = parser_of("office_sim", __doc__, out="runs/office")
     parser.add_argument("--seed", type=int, default=1, help="which lab, which cups and people (%(default)s)")
     parser.add_argument("--pace", type=between(0.1, 100.0, "the pace"), default=16.0,
                         help="how fast the lab's time passes (%(default)s)")  # fmt: skip
