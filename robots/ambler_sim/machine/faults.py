@@ -14,17 +14,13 @@ from robots.ambler_sim.machine.motion import HANGING_LOAD, Segment
 from robots.ambler_sim.machine.plant import Plant
 from robots.ambler_sim.machine.terrain import HOLE_RADIUS, Terrain
 from robots.ambler_sim.planning.stability import support_margin
-from robots.ambler_sim.vocabulary import LEGS, Fault, Rock, Stance
+from robots.ambler_sim.vocabulary import LEGS, MACHINE_KINDS, ROCK, SCANNER_KINDS, SOFT_SPOT, Fault, Rock, Stance
 
 LAG = 0.25
 """The share of its speed that a joint with a motion fault has left."""
 
 DRIFT = 0.08
 """Metres that a drifting encoder is off, unless the fault says how much."""
-
-MACHINE_KINDS = ("amplifier trip", "motion fault", "stuck joint", "encoder drift", "force sensor")
-SCANNER_KINDS = ("no image", "bad image")
-ROCK, SOFT_SPOT = "unseen rock", "soft spot"
 
 ROCK_RADIUS, ROCK_ROOM, ROCK_ABOVE = 0.2, 0.6, 0.15
 """Of a rock that is put in the way (m): its least distance from the foot before, and its height above the way."""

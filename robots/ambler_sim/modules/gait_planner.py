@@ -30,7 +30,7 @@ from robots.ambler_sim.messages import (
     StepEnd,
 )
 from robots.ambler_sim.options import Mode, walk_options
-from robots.ambler_sim.planning.gait import TOLERANCE, after_step, is_finished, next_step, rejoin
+from robots.ambler_sim.planning.gait import TOLERANCE, after_step, is_finished, next_step, rejoin, with_foot
 from robots.ambler_sim.vocabulary import Arc, Pose, Stance
 from tca_module import Constraint, Module, Task, this
 
@@ -63,11 +63,7 @@ class GaitMemory:
         foreseen, measured = ahead.stance, self._measured.get(ahead.number - 2)
         if measured is None or foreseen.last_leg < 0:
             return foreseen
-        moving = foreseen.last_leg
-        feet = tuple(
-            there if there.leg == moving else here for there, here in zip(foreseen.feet, measured.feet, strict=True)
-        )
-        return replace(foreseen, feet=feet)
+        return with_foot(replace(foreseen, feet=measured.feet), foreseen.feet[foreseen.last_leg])
 
 
 memory = GaitMemory()
