@@ -104,6 +104,11 @@ def offset(pose: Pose, forward: float, left: float) -> tuple[float, float]:
     return placed(pose.x, pose.y, pose.heading, forward, left)
 
 
+def distance(here: Pose | Foot, there: Pose | Foot) -> float:
+    """Metres between two places, seen from above."""
+    return math.hypot(there.x - here.x, there.y - here.y)
+
+
 def seen_by(pose: Pose, place: Pose | Foot | Rock) -> tuple[float, float]:
     """How far ahead and to the left of the body a place is."""
     return seen_from(pose.x, pose.y, pose.heading, place.x, place.y)

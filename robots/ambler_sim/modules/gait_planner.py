@@ -8,9 +8,9 @@ For comparison it also plans without looking ahead (``--mode sequential``), and 
 before the legs move (``--mode ahead``).
 """
 
-import math
 from dataclasses import replace
 
+from robots.ambler_sim.geometry import distance
 from robots.ambler_sim.messages import (
     ACHIEVED_POSITION,
     ACQUIRE_IMAGE,
@@ -120,9 +120,9 @@ def position_reached(task: Task, reached: StepEnd) -> Pose:
     """Whether the body is where the step should have brought it: where it is, or a failure."""
     stance, goal = task.query(STANCE), reached.goal
     memory.note(reached.number, stance)
-    distance = math.hypot(stance.pose.x - goal.x, stance.pose.y - goal.y)
-    if distance > CLOSE_ENOUGH:
-        raise NOT_THERE(f"{distance:.2f} m", f"the body is {distance:.2f} m from where the step should have brought it")
+    missing = distance(stance.pose, goal)
+    if missing > CLOSE_ENOUGH:
+        raise NOT_THERE(f"{missing:.2f} m", f"the body is {missing:.2f} m from where the step should have brought it")
     return stance.pose
 
 

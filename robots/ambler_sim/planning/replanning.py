@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from robots.ambler_sim.errors import AmblerError, NoFootfall, NoStep, OutOfReach, PathBlocked, UnstableMove
-from robots.ambler_sim.geometry import circulating_angle, circulation, offset, side_of
+from robots.ambler_sim.geometry import circulating_angle, circulation, distance, offset, side_of
 from robots.ambler_sim.planning.checks import is_stable, margins_of_body_move, margins_of_leg_move
 from robots.ambler_sim.planning.elevation import AHEAD, SIZE, height_at
 from robots.ambler_sim.planning.footfall import choose_foothold
@@ -180,8 +180,7 @@ def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]
 def _safe_moves(ground: ElevationMap, stance: Stance, places: Iterable[Foot]) -> Iterator[LegMove]:
     """For each of these places where its foot is not, the move there, if it can be made."""
     for place in places:
-        foot = stance.feet[place.leg]
-        if math.hypot(foot.x - place.x, foot.y - place.y) > IN_PLACE:
+        if distance(stance.feet[place.leg], place) > IN_PLACE:
             with contextlib.suppress(OutOfReach, PathBlocked):
                 move = _move_to(ground, stance, place)
                 if is_stable(margins_of_leg_move(stance, move)):
