@@ -170,7 +170,8 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
     """Of a walk whose programs have ended. *wall*: how long it took."""
     history = History()
     checked = CheckedRun.of(open_log(journal), RULES, history)
-    steps = read_footsteps(record)
+    written = record.read_bytes() if record.exists() else b""
+    steps = _footsteps(written)
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     mending = {"call operator", "do again", *chain.from_iterable(RECOVERIES.values())}
     recoveries = Counter(
@@ -196,7 +197,7 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
         cpu=children.ru_utime + children.ru_stime,
         load=os.getloadavg()[0],
         memory=usage.at_end(),
-        digest=hashlib.sha256(record.read_bytes() if record.exists() else b"").hexdigest()[:16],
+        digest=hashlib.sha256(written).hexdigest()[:16],
     )
 
 
@@ -208,12 +209,9 @@ def _megabytes(process: int) -> float:
         return 0.0
 
 
-def read_footsteps(record: Path) -> list[Footstep]:
-    """From the file that the controller has written; the last of each number counts."""
-    if not record.exists():
-        return []
-    lines = record.read_bytes().splitlines()
-    steps = (msgspec.json.decode(line, type=Footstep) for line in lines)
+def _footsteps(written: bytes) -> list[Footstep]:
+    """From the lines that the controller has written; the last of each number counts."""
+    steps = (msgspec.json.decode(line, type=Footstep) for line in written.splitlines())
     return list({step.number: step for step in steps}.values())
 
 
