@@ -1,10 +1,10 @@
-"""What the shows of robots share: the command line, and pictures."""
+"""What the shows of robots share: how they are run, and pictures."""
 
 import argparse
 import logging
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from click import ClickException, Command
@@ -14,37 +14,6 @@ from tca_tools.drawing.pictures import converted
 from tca_tools.errors import NoPicture
 from tca_tools.gantt.__main__ import gantt
 from tca_tools.tasktree_viz.__main__ import tree
-
-
-def parser_of(
-    robot: str, description: str | None, *, out: str = "", parents: Sequence[argparse.ArgumentParser] = ()
-) -> argparse.ArgumentParser:
-    """The command line of `python -m robots.<robot>_sim`, with the option that all shows have."""
-    parser = argparse.ArgumentParser(prog=f"python -m robots.{robot}_sim", description=description, parents=parents)
-    folder = Path(out or f"runs/{robot}")
-    parser.add_argument("--out", type=Path, default=folder, help="folder of its files (%(default)s)")
-    return parser
-
-
-def forwarded(options: argparse.Namespace, *names: str) -> list[str]:
-    """These options as the command line of another program has them. One that is a list may be given again."""
-    words: list[str] = []
-    for name in names:
-        value = getattr(options, name)
-        for one in value if isinstance(value, list) else [] if value is None or value is False else [value]:
-            words += [f"--{name}", *([] if one is True else map(str, one if isinstance(one, list) else [one]))]
-    return words
-
-
-def between(least: float, most: float, what: str) -> Callable[[str], float]:
-    """The type of an option that is a number in these bounds."""
-
-    def number(text: str) -> float:
-        if not least <= float(text) <= most:
-            raise argparse.ArgumentTypeError(f"{what} is a number from {least:g} to {most:,g}, not {text}")
-        return float(text)
-
-    return number
 
 
 def shown(parser: argparse.ArgumentParser, show: Callable[[argparse.Namespace], int]) -> int:

@@ -89,21 +89,24 @@ def unwrap(angle: float, near: float) -> float:
 
 def to_world(pose: Pose, points: Array) -> Array:
     """Body-frame points (n, 3) in the world, the body being level."""
-    cos, sin = math.cos(pose.heading), math.sin(pose.heading)
     x, y, z = points.T
-    return np.stack([pose.x + cos * x - sin * y, pose.y + sin * x + cos * y, pose.height + z], axis=1)
+    return np.stack([*placed(pose.x, pose.y, pose.heading, x, y), pose.height + z], axis=1)
 
 
 def to_body(pose: Pose, points: Array) -> Array:
     """World points (n, 3) in the frame of the level body."""
-    cos, sin = math.cos(pose.heading), math.sin(pose.heading)
-    x, y = points[:, 0] - pose.x, points[:, 1] - pose.y
-    return np.stack([cos * x + sin * y, cos * y - sin * x, points[:, 2] - pose.height], axis=1)
+    x, y, z = points.T
+    return np.stack([*seen_from(pose.x, pose.y, pose.heading, x, y), z - pose.height], axis=1)
 
 
 def offset(pose: Pose, forward: float, left: float) -> tuple[float, float]:
     """The world x, y of a point given relative to the body."""
     return placed(pose.x, pose.y, pose.heading, forward, left)
+
+
+def distance(here: Pose | Foot, there: Pose | Foot) -> float:
+    """Metres between two places, seen from above."""
+    return math.hypot(there.x - here.x, there.y - here.y)
 
 
 def seen_by(pose: Pose, place: Pose | Foot | Rock) -> tuple[float, float]:

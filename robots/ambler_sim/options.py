@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from robots.ambler_sim.vocabulary import KINDS, TERRAINS
+from robots.options import between, parser_of
 
 FARTHEST = 1500.0
 """Metres of a walk; hills go on for a little more."""
@@ -27,11 +28,10 @@ class Mode(StrEnum):
 
 def walk_options(program: str = "", description: str | None = None) -> argparse.ArgumentParser:
     """The command line of a walk, or of a program of it: of *program* in this package."""
-    name = f"python -m robots.ambler_sim{program}"
-    parser = argparse.ArgumentParser(prog=name, description=description)
+    parser = parser_of(f"ambler_sim{program}", description, out="walk")
     add = parser.add_argument
-    add("--out", type=Path, default=Path("walk"), help="folder of its files (%(default)s)")
-    add("--distance", dest="metres", type=distance, default=6.0, metavar="METRES", help="how far to walk")
+    add("--distance", dest="metres", type=between(0.1, FARTHEST, "the distance"), default=6.0, metavar="METRES",
+        help="how far to walk")  # fmt: skip
     add("--arcs", type=int, help="in how many arcs; by default two or more, of about 10 m")
     add("--mode", type=Mode, choices=list(Mode), default=Mode.CONCURRENT,
         help="how much goes on at once: nothing; planning one step ahead; perception, too")  # fmt: skip
@@ -57,13 +57,6 @@ def walk_options(program: str = "", description: str | None = None) -> argparse.
         help="swap: stop the controller and start another; ask: wait for Enter")  # fmt: skip
     add("--swap-to", choices=BACKENDS[1:], help="the other controller of --between-arcs swap")
     return parser
-
-
-def distance(text: str) -> float:
-    """The type of an option that is the metres of a walk."""
-    if not 0.1 <= float(text) <= FARTHEST:
-        raise argparse.ArgumentTypeError(f"the distance is a number from 0.1 to {FARTHEST:,g}, not {text}")
-    return float(text)
 
 
 def kinds_of(text: str) -> tuple[str, ...]:

@@ -8,21 +8,11 @@ from dataclasses import dataclass
 LEGS = (0, 1, 2, 3, 4, 5)
 NO_LEG = -1
 
-KINDS = (
-    "amplifier trip",
-    "motion fault",
-    "stuck joint",
-    "encoder drift",
-    "force sensor",
-    "no image",
-    "bad image",
-    "unseen rock",
-    "soft spot",
-    "no footfall",
-    "lost module",
-    "lost central",
-)
-"""Of faults: of the machine, of its sensors, of the ground, of planners, of programs."""
+MACHINE_KINDS = ("amplifier trip", "motion fault", "stuck joint", "encoder drift", "force sensor")
+SCANNER_KINDS = ("no image", "bad image")
+GROUND_KINDS = ROCK, SOFT_SPOT = "unseen rock", "soft spot"
+KINDS = (*MACHINE_KINDS, *SCANNER_KINDS, *GROUND_KINDS, "no footfall", "lost module", "lost central")
+"""Of faults: of the machine, of the scanner, of the ground, of planners, of programs."""
 
 TERRAINS = ("flat", "rolling", "hills", "boulders", "ditches", "soft")
 

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from robots.cartesian_sim.messages import CLEAN, ENABLE, MOVE_TO, REFERENCE, SET_SPEED, WallPoint
 from robots.cartesian_sim.robot import NAME, CleaningRobot
-from robots.show import parser_of, save_picture, shown
+from robots.options import parser_of
+from robots.show import save_picture, shown
 from tca_behaviours.activities import Application
 from tca_behaviours.activities.manager import ActivityMove, ApplicationMessages
 from tca_behaviours.activities.page.command import activities
@@ -127,7 +128,7 @@ def _show(options: argparse.Namespace) -> int:
 
 def main() -> int:
     """The command line; the exit code."""
-    parser = parser_of("cartesian", __doc__)
+    parser = parser_of("cartesian_sim", __doc__, out="runs/cartesian")
     parser.add_argument("--page", action="store_true", help="open 'tca activities', and stay until Ctrl-C")
     parser.add_argument("--no-browser", action="store_true", help="with --page: print its address only")
     return shown(parser, _show)

@@ -366,7 +366,7 @@ class GuideBase(Component[GuideData], ABC):
         )
         region.state("lifting", entry=self.take_tool_back)
         states["idle"].to(states["working"], on="clean", needs=["travel.resting"])
-        states["approaching"].to(states["pressing"], when=self.is_at_first)
+        states["approaching"].to(states["pressing"], when=self.is_there)
         states["pressing"].to(states["wiping"], when=self.is_tool_out)
         states["wiping"].to(states["lifting"], when=self.is_pattern_done)
         states["lifting"].to(states["idle"], when=self.is_tool_back)
@@ -402,10 +402,6 @@ class GuideBase(Component[GuideData], ABC):
         """'travel' has come to 'travelling'."""
 
     @abstractmethod
-    def is_there(self) -> bool:
-        """Whether 'travel' may go from 'travelling' to 'resting'."""
-
-    @abstractmethod
     def go_to_first(self) -> None:
         """'cleaning' has come to 'approaching'."""
 
@@ -422,8 +418,8 @@ class GuideBase(Component[GuideData], ABC):
         """'cleaning' has come to 'lifting'."""
 
     @abstractmethod
-    def is_at_first(self) -> bool:
-        """Whether 'cleaning' may go from 'approaching' to 'pressing'."""
+    def is_there(self) -> bool:
+        """Whether 'travel' may go from 'travelling' to 'resting'."""
 
     @abstractmethod
     def is_tool_out(self) -> bool:

@@ -86,10 +86,6 @@ class Guide(GuideBase):
             if not self.is_pattern_done():
                 self._go_on()
 
-    def is_at_first(self) -> bool:
-        """Whether the first lane begins here."""
-        return self.is_there()
-
     def is_tool_out(self) -> bool:
         """Whether the tool touches the wall."""
         return abs(self.data.tool - TOOL_OUT) <= NEAR

@@ -1,10 +1,11 @@
 """The module that has users' commands carried out: it puts them into the components' ports, and waits until the regions
-say that they are done.
+say that they are done; and what the page offers of them.
 """
 
 from collections.abc import Callable
 
 from robots.cartesian_sim.application import Components
+from robots.cartesian_sim.drawing import HEIGHT, WIDTH
 from robots.cartesian_sim.generated import JointTarget
 from robots.cartesian_sim.joint import Joint
 from robots.cartesian_sim.messages import (
@@ -26,6 +27,7 @@ from robots.cartesian_sim.messages import (
     WallPoint,
 )  # fmt: skip
 from tca_behaviours.activities.components import Region
+from tca_behaviours.activities.manager import Control, ControlField
 from tca_module import Module, Task
 from tca_module.link.opening import CentralAddress
 
@@ -165,3 +167,34 @@ class Operator:
             raise
         if is_lost():
             raise INTERRUPTED(text="the robot was stopped, or a joint disabled")
+
+
+# --- on the page ------------------------------------------------------------------------------------------------------
+
+LENGTHS = {"x": WIDTH, "y": HEIGHT, "tool": 0.2}
+
+
+def _of_joint(joint: str, length: float) -> list[Control]:
+    group = f"joint {joint}"
+    position = ControlField("position", length / 2, "m", 0.0, length)
+    speed = ControlField("speed", 0.1, "m/s", -0.8, 0.8)
+    return [
+        Control("move", MOVE_JOINT.name, {"joint": joint}, [position], group),
+        Control("set speed", SET_JOINT_SPEED.name, {"joint": joint}, [speed], group),
+        Control("stop", SET_JOINT_SPEED.name, {"joint": joint, "speed": 0.0}, group=group),
+    ]
+
+
+CONTROLS = [
+    Control("enable", ENABLE.name, group="robot"),
+    Control("disable", DISABLE.name, group="robot"),
+    Control("reference", REFERENCE.name, group="robot"),
+    Control("clean", CLEAN.name, group="robot"),
+    Control("stop", STOP.name, group="robot"),
+    Control(
+        "move to", MOVE_TO.name, group="position",
+        fields=[ControlField("x", 1.0, "m", 0.0, WIDTH), ControlField("y", 0.6, "m", 0.0, HEIGHT)],
+    ),
+    Control("set speed", SET_SPEED.name, group="position", fields=[ControlField("", 0.5, "m/s", 0.01, 0.8)]),
+    *(control for joint, length in LENGTHS.items() for control in _of_joint(joint, length)),
+]  # fmt: skip

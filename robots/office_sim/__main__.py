@@ -20,8 +20,9 @@ from robots.office_sim.messages import (
     SCENE,
 )
 from robots.office_sim.vocabulary import CupState, LabScene
-from robots.show import between, forwarded, history, parser_of, save_picture, shown
-from tca_module import Client, Message, TcaError, connect
+from robots.options import between, forwarded, parser_of
+from robots.show import history, save_picture, shown
+from tca_module import Client, Message, SentTask, connect
 from tca_tools.supervise.programs import Programs, central_in
 
 ProgramTable = dict[str, Message[Any, Any]]
@@ -41,7 +42,7 @@ PATIENCE = 900.0
 
 def main() -> int:
     """The command line; the exit code."""
-    parser = parser_of("office", __doc__)
+    parser = parser_of("office_sim", __doc__, out="runs/office")
     parser.add_argument("--seed", type=int, default=1, help="which lab, which cups and people (%(default)s)")
     parser.add_argument("--pace", type=between(0.1, 100.0, "the pace"), default=16.0,
                         help="how fast the lab's time passes (%(default)s)")  # fmt: skip
@@ -54,17 +55,16 @@ def main() -> int:
 
 def _show(options: argparse.Namespace) -> int:
     title, folder = f"seed {options.seed}", options.out
-    scene, failure = _shift(options)
+    scene, keeping = _shift(options)
     print(f"{title}: {in_words(scene)}")
     for path in (*save_picture(folder / "lab", draw(scene, title)), *history(folder)):
         print("made", path)
-    if failure:
-        raise failure
+    keeping.result()
     return 0
 
 
-def _shift(options: argparse.Namespace) -> tuple[LabScene, TcaError | None]:
-    """Have the floor kept free by programs of their own; the lab at the end, and why that was too early."""
+def _shift(options: argparse.Namespace) -> tuple[LabScene, SentTask[None]]:
+    """Have the floor kept free by programs of their own; the lab at the end, and the goal, which has ended."""
     layers = {name: handled for name, handled in LAYERS.items() if name not in options.without}
     pace = forwarded(options, "pace")
     with central_in(options.out) as (address, programs):
@@ -80,7 +80,7 @@ def _shift(options: argparse.Namespace) -> tuple[LabScene, TcaError | None]:
             return _watch(user, programs, options.shift + PATIENCE)
 
 
-def _watch(user: Client, programs: Programs, latest: float) -> tuple[LabScene, TcaError | None]:
+def _watch(user: Client, programs: Programs, latest: float) -> tuple[LabScene, SentTask[None]]:
     """Say what happens, and call it a day when all cups have fallen and none is left."""
     keeping = user.goal(KEEP_FLOOR_FREE)
     told, has_called = 0, False
@@ -93,11 +93,7 @@ def _watch(user: Client, programs: Programs, latest: float) -> tuple[LabScene, T
         if not (is_over or has_called) and (is_free or scene.time > latest):
             user.inform(CALL_IT_A_DAY)
             has_called = True
-    try:
-        keeping.result()
-    except TcaError as error:
-        return scene, error
-    return scene, None
+    return scene, keeping
 
 
 if __name__ == "__main__":

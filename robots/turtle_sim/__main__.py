@@ -9,7 +9,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from robots.show import between, parser_of, save_picture, shown
+from robots.options import between, parser_of
+from robots.show import save_picture, shown
 from robots.turtle_sim.drawing import draw
 from robots.turtle_sim.missions.background import background
 from robots.turtle_sim.missions.interrupted import interrupted
@@ -161,7 +162,7 @@ class Show:
 
 def main() -> int:
     """Show the mission that the arguments name; the exit code."""
-    parser = parser_of("turtle", __doc__)
+    parser = parser_of("turtle_sim", __doc__, out="runs/turtle")
     parser.add_argument("show", nargs="?", default="letters", choices=SHOWS, help="the mission (default: %(default)s)")
     parser.add_argument("--pace", type=between(0.01, 100.0, "the pace"), default=8.0,
                         help="how fast the turtles' time passes (%(default)s)")  # fmt: skip

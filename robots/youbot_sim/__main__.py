@@ -3,7 +3,8 @@
 import argparse
 import sys
 
-from robots.show import parser_of, save_picture, shown
+from robots.options import parser_of
+from robots.show import save_picture, shown
 from robots.youbot_sim.robot import BACKENDS
 from robots.youbot_sim.seeds import HEAD, compare, lid_of, row, summary
 from robots.youbot_sim.show import SCHEDULES, ShownDelivery, show
@@ -18,7 +19,7 @@ WHICH = "best: box B is free; changed: it is covered on the way; plain: it is co
 
 def main() -> int:
     """The command line; the exit code."""
-    parser = parser_of("youbot", __doc__)
+    parser = parser_of("youbot_sim", __doc__, out="runs/youbot")
     parser.add_argument("--schedule", choices=(*SCHEDULES, "all"), default="all", help=WHICH)
     parser.add_argument("--backend", choices=BACKENDS, default="auto", help="of the simulator")
     parser.add_argument(

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from ambler.builders import the_first_leg_move
 
-from robots.ambler_sim.errors import TerrainContact
 from robots.ambler_sim.machine.making import make_robot, pybullet_is_installed
 from robots.ambler_sim.machine.motion import BACK_OFF
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.machine.terrain import scattered_rocks
+from robots.ambler_sim.messages import TERRAIN_COLLISION
 from robots.ambler_sim.options import Backend
 from robots.ambler_sim.planning.stability import WEIGHT
 from robots.ambler_sim.vocabulary import NO_LEG, BodyMove, Contact, LegMove, Rock, TerrainSpec
+from tca_module import FailureRaised
 
 BACKENDS = [
     "kinematic",
@@ -35,10 +36,11 @@ def backend(request: pytest.FixtureRequest) -> Backend:
     return name
 
 
-def contact_of(robot: Robot, move: LegMove) -> Contact:
-    with pytest.raises(TerrainContact) as raised:
-        robot.move_leg(move)
-    return raised.value.contact
+def contact_of(robot: Robot, move: LegMove | BodyMove) -> Contact:
+    with pytest.raises(FailureRaised, match=TERRAIN_COLLISION.name) as raised:
+        robot.move_leg(move) if isinstance(move, LegMove) else robot.move_body(move)
+    contact: Contact = TERRAIN_COLLISION.data.decode(raised.value.body)
+    return contact
 
 
 def test_a_leg_that_meets_a_rock_is_put_down_and_passes_over_it_when_lifted_higher(backend: Backend) -> None:
@@ -93,9 +95,7 @@ def test_scattered_rocks_are_the_same_for_the_same_seed_and_lie_along_the_path()
 def test_a_body_that_meets_a_rock_goes_back_and_stands(backend: Backend) -> None:
     robot = a_robot(backend, Rock(0.9, 0.0, 0.2, 4.0))
     start = robot.stance().pose
-    with pytest.raises(TerrainContact) as raised:
-        robot.move_body(BodyMove(replace(start, x=start.x + 0.45), 2.0))
-    contact = raised.value.contact
+    contact = contact_of(robot, BodyMove(replace(start, x=start.x + 0.45), 2.0))
     assert contact.leg == NO_LEG
     assert contact.dx == pytest.approx(1.0)
     assert contact.x == pytest.approx(0.7, abs=0.1)

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from ambler.builders import the_first_leg_move
 
-from robots.ambler_sim.errors import TerrainContact
 from robots.ambler_sim.geometry import feet_of, joints_of
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.machine.terrain import HOLE_RADIUS
+from robots.ambler_sim.messages import TERRAIN_COLLISION
 from robots.ambler_sim.vocabulary import BodyMove, Fault
+from tca_module import FailureRaised
 
 
 def test_a_fault_that_has_not_begun_is_not_lost_with_the_controller() -> None:
@@ -20,7 +21,7 @@ def test_a_fault_that_has_not_begun_is_not_lost_with_the_controller() -> None:
     robot.inject(rock)
     assert robot.begun_faults() == []
     another = make_robot("kinematic", state=robot.state())
-    with pytest.raises(TerrainContact):
+    with pytest.raises(FailureRaised, match=TERRAIN_COLLISION.name):
         another.move_leg(the_first_leg_move(another))
     assert another.begun_faults() == [rock]
     assert another.state().armed == ()
@@ -30,7 +31,7 @@ def test_a_rock_lies_in_the_leg_s_way_wherever_the_robot_believes_to_be() -> Non
     state = make_robot("kinematic").state()
     robot = make_robot("kinematic", state=replace(state, pose=replace(state.pose, x=3.0)))
     robot.inject(Fault("unseen rock", leg=2))
-    with pytest.raises(TerrainContact):
+    with pytest.raises(FailureRaised, match=TERRAIN_COLLISION.name):
         robot.move_leg(the_first_leg_move(robot))
 
 

@@ -56,7 +56,7 @@ def test_a_raised_move_goes_over_what_was_met_and_otherwise_the_same_way() -> No
 
 
 def test_a_leg_cannot_be_raised_for_ever() -> None:
-    with pytest.raises(PathBlocked, match=r"leg 2 can be lifted to 3\.20 m, not to 3\.40 m"):
+    with pytest.raises(PathBlocked, match=r"leg 2 .* lifted to 3\.40 m, .* 3\.20 m"):
         raised(LEG_MOVE, STEP.before, Contact(2, 1.0, 1.5, 3.0, 3000.0))
 
 

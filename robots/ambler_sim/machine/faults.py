@@ -4,27 +4,22 @@ A plant is wrapped: what is commanded and what is measured passes through here. 
 it can: those of the scanner at once, those of the machine and soft ground after a move, a rock before one.
 """
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from robots.ambler_sim.geometry import Array, stance_of
+from robots.ambler_sim.geometry import Array, distance, stance_of
 from robots.ambler_sim.machine.motion import HANGING_LOAD, Segment
 from robots.ambler_sim.machine.plant import Plant
 from robots.ambler_sim.machine.terrain import HOLE_RADIUS, Terrain
 from robots.ambler_sim.planning.stability import support_margin
-from robots.ambler_sim.vocabulary import LEGS, Fault, Rock, Stance
+from robots.ambler_sim.vocabulary import LEGS, MACHINE_KINDS, ROCK, SCANNER_KINDS, SOFT_SPOT, Fault, Rock, Stance
 
 LAG = 0.25
 """The share of its speed that a joint with a motion fault has left."""
 
 DRIFT = 0.08
 """Metres that a drifting encoder is off, unless the fault says how much."""
-
-MACHINE_KINDS = ("amplifier trip", "motion fault", "stuck joint", "encoder drift", "force sensor")
-SCANNER_KINDS = ("no image", "bad image")
-ROCK, SOFT_SPOT = "unseen rock", "soft spot"
 
 ROCK_RADIUS, ROCK_ROOM, ROCK_ABOVE = 0.2, 0.6, 0.15
 """Of a rock that is put in the way (m): its least distance from the foot before, and its height above the way."""
@@ -63,7 +58,7 @@ class FaultyPlant:
             joints[leg] = swing.at(0.5)
             there, start = self._stance(joints).feet[leg], self._stance().feet[leg]
             height = there.z + ROCK_ABOVE - terrain.height(there.x, there.y)
-            if math.dist((there.x, there.y), (start.x, start.y)) > ROCK_ROOM and height <= HIGHEST_ROCK:
+            if distance(start, there) > ROCK_ROOM and height <= HIGHEST_ROCK:
                 self.plant.add_rock(Rock(there.x, there.y, ROCK_RADIUS, height))
                 self._begin(fault)
 
@@ -147,10 +142,10 @@ class FaultyPlant:
         """The ground under the fault's leg falls in, or under the next one that is not needed, nor those around it."""
         stance, loads = self._stance(), self.loads()
         for leg in (*LEGS[fault.leg :], *LEGS[: fault.leg]):
-            x, y = stance.feet[leg].x, stance.feet[leg].y
-            falling = [foot.leg for foot in stance.feet if math.dist((foot.x, foot.y), (x, y)) < HOLE_RADIUS]
+            middle = stance.feet[leg]
+            falling = [foot.leg for foot in stance.feet if distance(middle, foot) < HOLE_RADIUS]
             if not (loads < HANGING_LOAD).any() and support_margin(stance, *falling) > SPARED:
-                self.plant.give_way(x, y)
+                self.plant.give_way(middle.x, middle.y)
                 self._begin(fault)
                 return True
         return False

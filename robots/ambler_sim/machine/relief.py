@@ -12,6 +12,7 @@ from random import Random
 import numpy as np
 
 from robots.ambler_sim.geometry import Array
+from robots.plane import seen_from
 
 REACH = 2000.0
 """Metres from the start to which hills go on."""
@@ -83,9 +84,9 @@ class Relief:
         """The heights at these points."""
         heights = np.zeros(np.broadcast(x, y).shape)
         if self._has_relief:
-            cos, sin = math.cos(self._turn), math.sin(self._turn)
             first, second = self._profiles
-            heights += first.heights(cos * x + sin * y) + second.heights(cos * y - sin * x)
+            along, across = seen_from(0.0, 0.0, self._turn, x, y)
+            heights += first.heights(along) + second.heights(across)
             for wave in self._waves:
                 heights += wave(x, y)
         if self.kind == "boulders":

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from robots.ambler_sim.errors import AmplifierTripped, JointFault, TerrainContact, Tilting
 from robots.ambler_sim.geometry import AMBLER, Array, feet_of, joints_of, stance_of, to_body, to_world
 from robots.ambler_sim.machine import motion, scanner
 from robots.ambler_sim.machine.faults import FaultyPlant
@@ -16,6 +15,14 @@ from robots.ambler_sim.machine.odometry import Odometry, compass
 from robots.ambler_sim.machine.pacing import MoveWatch, OnTick, Pacer
 from robots.ambler_sim.machine.plant import Plant, make_posture
 from robots.ambler_sim.machine.terrain import Terrain
+from robots.ambler_sim.messages import (
+    AMPLIFIER_TRIPPED,
+    JOINT_FAULT,
+    NEEDS_OPERATOR,
+    TERRAIN_COLLISION,
+    TIP_OVER_RISK,
+    MotionError,
+)
 from robots.ambler_sim.pictures.drawing import draw
 from robots.ambler_sim.planning.gait import require_reach
 from robots.ambler_sim.planning.stability import least_norm_loads, support_margin
@@ -126,19 +133,21 @@ class Robot:
         """Those that have begun since this was asked before."""
         return self._machine.take_begun()
 
-    def reset(self, leg: int, *, operator: bool = False) -> bool:
-        """Switch the amplifier of a leg on again; False if only an operator can."""
-        return self._machine.clear(leg, "amplifier trip", operator=operator)
+    def reset(self, leg: int, *, operator: bool = False) -> None:
+        """Switch the amplifier of a leg on again. Raises NEEDS_OPERATOR if only an operator can."""
+        if not self._machine.clear(leg, "amplifier trip", operator=operator):
+            raise NEEDS_OPERATOR(leg, f"the amplifier of leg {leg} trips again: an operator must reset it")
 
-    def free_joint(self, leg: int, *, operator: bool = False) -> bool:
-        """Move the joints of a leg to and fro until they are free; False if only an operator can."""
+    def free_joint(self, leg: int, *, operator: bool = False) -> None:
+        """Move the joints of a leg to and fro until they are free. Raises NEEDS_OPERATOR if only an operator can."""
         is_free = self._machine.clear(leg, "stuck joint", "motion fault", operator=operator)
         self._rebase()
         if is_free and leg in self._airborne:
             self._lower(leg, MoveWatch())
             self._rebase()
         self._settle()
-        return is_free
+        if not is_free:
+            raise NEEDS_OPERATOR(leg, f"a joint of leg {leg} stays stuck: an operator must free it")
 
     def calibrate(self, leg: int) -> None:
         """Set the relative encoder of a leg by the absolute one, and its force sensor to zero."""
@@ -162,8 +171,8 @@ class Robot:
     def move_leg(self, move: LegMove, on_tick: OnTick | None = None) -> Footfall:
         """Carry out a leg move. When stopped, the foot is put down where it is.
 
-        Raises TerrainContact or Tilting, standing again, when the leg met something on its way or the body tilted. A
-        JointFault leaves the leg where it got stuck: in the air, until ``free_joint``.
+        Raises AMPLIFIER_TRIPPED; TERRAIN_COLLISION or TIP_OVER_RISK, standing again, when the leg met something on its
+        way or the body tilted. A JOINT_FAULT leaves the leg where it got stuck: in the air, until ``free_joint``.
         """
         self._require_amplifiers()
         self._rebase()
@@ -175,17 +184,14 @@ class Robot:
         self._put_down(move.leg, watch)
         self._begin_faults()
         footfall = self._landed(move.leg, reached=not watch.stopped and contact is None)
-        if contact is not None:
-            raise TerrainContact(contact)
-        if watch.tilt:
-            raise Tilting(watch.tilt)
+        _require_undisturbed(contact, watch)
         return footfall
 
     def move_body(self, move: BodyMove, on_tick: OnTick | None = None) -> Pose:
         """Carry the body to a pose over standing feet; returns the pose reached. When stopped it comes to rest gently.
 
-        Raises OutOfReach, without moving, when a leg could not follow; TerrainContact, back where it was, when the body
-        met something; and Tilting when it tilted.
+        Raises, without moving, AMPLIFIER_TRIPPED, or OutOfReach when a leg could not follow; TERRAIN_COLLISION, back
+        where it was, when the body met something; and TIP_OVER_RISK when it tilted.
         """
         self._require_amplifiers()
         self._rebase()
@@ -212,10 +218,7 @@ class Robot:
         self.footsteps += 1
         heading = compass(self._plant.attitude().pose.heading, self.terrain.spec.seed, self.footsteps)
         self._odometry.fix(self._machine.joints(), self._airborne, heading)
-        if contact is not None:
-            raise TerrainContact(contact)
-        if watch.tilt:
-            raise Tilting(watch.tilt)
+        _require_undisturbed(contact, watch)
         return self._pose()
 
     def scan(self) -> Array:
@@ -310,19 +313,20 @@ class Robot:
             self._settle()
 
     def _require_amplifiers(self) -> None:
-        """Raise AmplifierTripped, before anything moves, if the amplifier of a leg is off."""
+        """Raise AMPLIFIER_TRIPPED, before anything moves, if the amplifier of a leg is off."""
         for leg, is_on in enumerate(self._machine.amplifiers()):
             if not is_on:
-                raise AmplifierTripped(leg)
+                raise AMPLIFIER_TRIPPED(leg, f"the amplifier of leg {leg} is off")
 
     def _require_following(self, *legs: int, most: float) -> None:
-        """Raise JointFault, standing on the other legs, if one is further behind its command than *most*."""
+        """Raise JOINT_FAULT, standing on the other legs, if one is further behind its command than *most*."""
         behind = np.abs(self._command - self._machine.joints()).max(axis=1)
         leg = max(legs, key=lambda each: behind[each])
         if behind[leg] > most:
             self._rebase()
             self._settle()
-            raise JointFault(leg, float(behind[leg]))
+            error = MotionError(leg, float(behind[leg]))
+            raise JOINT_FAULT(error, f"leg {leg} does not follow: it is {error.error:.2f} m or rad behind")
 
     def _feels_something(self, leg: int) -> bool:
         felt = max(self._plant.pushes()[leg], self._plant.bumps()[leg])
@@ -421,6 +425,16 @@ class Robot:
         if reached:
             self._last_leg = leg
         return Footfall(foot, float(self._machine.loads()[leg]), reached)
+
+
+def _require_undisturbed(contact: Contact | None, watch: MoveWatch) -> None:
+    """Raise TERRAIN_COLLISION if a move met something, and TIP_OVER_RISK if it was stopped because the body tilted."""
+    if contact is not None:
+        what = f"leg {contact.leg}" if contact.leg in LEGS else "the body"
+        where = f"x {contact.x:.2f}, y {contact.y:.2f}, z {contact.z:.2f}"
+        raise TERRAIN_COLLISION(contact, f"{what} met something at {where} with {contact.force / 1000:.1f} kN")
+    if watch.tilt:
+        raise TIP_OVER_RISK(watch.tilt, f"the body tilts by {math.degrees(watch.tilt):.1f} degrees")
 
 
 def _direction(start: Sequence[float], end: Sequence[float]) -> tuple[float, float]:

@@ -8,10 +8,10 @@ import queue
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.planning.elevation import pack_scan
+from robots.ambler_sim.planning.gait import with_foot
 from robots.ambler_sim.vocabulary import NO_LEG, Scan, Stance
 
 _LOOK_AGAIN = 0.02  # seconds after which a scan that no tick has taken looks whether the move has ended
@@ -58,5 +58,4 @@ class Machine:
     def _stance_on_the_ground(self) -> Stance:
         """The stance now, but a lifted foot is where it was lifted: maps take feet for points of the ground."""
         now = self.robot.stance()
-        feet = tuple(self._before.feet[foot.leg] if foot.leg == self._lifted else foot for foot in now.feet)
-        return replace(now, feet=feet)
+        return now if self._lifted == NO_LEG else with_foot(now, self._before.feet[self._lifted])

@@ -10,32 +10,26 @@ from pathlib import Path
 
 import msgspec
 
-from robots.ambler_sim.errors import AmblerError, AmplifierTripped, JointFault, TerrainContact, Tilting
+from robots.ambler_sim.errors import AmblerError
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.machine.pacing import OnTick
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.machine.shared import Machine
 from robots.ambler_sim.machine.terrain import scattered_rocks
 from robots.ambler_sim.messages import (
-    AMPLIFIER_TRIPPED,
     CALIBRATE,
     FAULT_BEGAN,
     FREE_JOINT,
     INJECT,
-    JOINT_FAULT,
     LEVEL_BODY,
     MOTION_FAULT,
     MOVE_BODY,
     MOVE_LEG,
-    NEEDS_OPERATOR,
     PICTURE,
     RANGES,
     READINGS,
     RESET,
     STANCE,
-    TERRAIN_COLLISION,
-    TIP_OVER_RISK,
-    MotionError,
     Reset,
 )
 from robots.ambler_sim.modules.display import Display
@@ -55,7 +49,7 @@ from robots.ambler_sim.vocabulary import (
     Stance,
     TerrainSpec,
 )
-from tca_module import FailureRaised, Module, Task
+from tca_module import Module, Task
 from tca_tools.output import write_output
 
 STATE, RECORD = "robot.json", "footsteps.jsonl"
@@ -91,7 +85,7 @@ class ControlledMachine(Machine):
             with self.moving(leg):
                 yield lambda: self._goes_on(task)
         except AmblerError as error:
-            raise failure_of(error) from error
+            raise MOTION_FAULT("body", str(error)) from error
         finally:
             self.save()
             for fault in self.robot.begun_faults():
@@ -167,16 +161,12 @@ def _care(controller: Module, machine: ControlledMachine) -> None:
     @controller.handles(RESET)
     def reset(task: Task, reset: Reset) -> None:
         with machine.changed_by(task):
-            is_on = robot.reset(reset.leg, operator=reset.operator)
-        if not is_on:
-            raise NEEDS_OPERATOR(reset.leg, f"the amplifier of leg {reset.leg} trips again: an operator must reset it")
+            robot.reset(reset.leg, operator=reset.operator)
 
     @controller.handles(FREE_JOINT)
     def free_joint(task: Task, reset: Reset) -> None:
         with machine.changed_by(task):
-            is_free = robot.free_joint(reset.leg, operator=reset.operator)
-        if not is_free:
-            raise NEEDS_OPERATOR(reset.leg, f"a joint of leg {reset.leg} stays stuck: an operator must free it")
+            robot.free_joint(reset.leg, operator=reset.operator)
 
     @controller.handles(CALIBRATE)
     def calibrate(task: Task, leg: int) -> None:
@@ -187,21 +177,6 @@ def _care(controller: Module, machine: ControlledMachine) -> None:
     def level_body(task: Task) -> None:
         with machine.changed_by(task):
             robot.level()
-
-
-def failure_of(error: AmblerError) -> FailureRaised:
-    """The failure by which others hear of an error."""
-    match error:
-        case TerrainContact():
-            return TERRAIN_COLLISION(error.contact, str(error))
-        case AmplifierTripped():
-            return AMPLIFIER_TRIPPED(error.leg, str(error))
-        case Tilting():
-            return TIP_OVER_RISK(error.tilt, str(error))
-        case JointFault():
-            return JOINT_FAULT(MotionError(error.leg, error.error), str(error))
-        case _:
-            return MOTION_FAULT("body", str(error))
 
 
 def main() -> None:

@@ -8,9 +8,9 @@ For comparison it also plans without looking ahead (``--mode sequential``), and 
 before the legs move (``--mode ahead``).
 """
 
-import math
 from dataclasses import replace
 
+from robots.ambler_sim.geometry import distance
 from robots.ambler_sim.messages import (
     ACHIEVED_POSITION,
     ACQUIRE_IMAGE,
@@ -30,7 +30,7 @@ from robots.ambler_sim.messages import (
     StepEnd,
 )
 from robots.ambler_sim.options import Mode, walk_options
-from robots.ambler_sim.planning.gait import TOLERANCE, after_step, is_finished, next_step, rejoin
+from robots.ambler_sim.planning.gait import TOLERANCE, after_step, is_finished, next_step, rejoin, with_foot
 from robots.ambler_sim.vocabulary import Arc, Pose, Stance
 from tca_module import Constraint, Module, Task, this
 
@@ -63,11 +63,7 @@ class GaitMemory:
         foreseen, measured = ahead.stance, self._measured.get(ahead.number - 2)
         if measured is None or foreseen.last_leg < 0:
             return foreseen
-        moving = foreseen.last_leg
-        feet = tuple(
-            there if there.leg == moving else here for there, here in zip(foreseen.feet, measured.feet, strict=True)
-        )
-        return replace(foreseen, feet=feet)
+        return with_foot(replace(foreseen, feet=measured.feet), foreseen.feet[foreseen.last_leg])
 
 
 memory = GaitMemory()
@@ -124,9 +120,9 @@ def position_reached(task: Task, reached: StepEnd) -> Pose:
     """Whether the body is where the step should have brought it: where it is, or a failure."""
     stance, goal = task.query(STANCE), reached.goal
     memory.note(reached.number, stance)
-    distance = math.hypot(stance.pose.x - goal.x, stance.pose.y - goal.y)
-    if distance > CLOSE_ENOUGH:
-        raise NOT_THERE(f"{distance:.2f} m", f"the body is {distance:.2f} m from where the step should have brought it")
+    missing = distance(stance.pose, goal)
+    if missing > CLOSE_ENOUGH:
+        raise NOT_THERE(f"{missing:.2f} m", f"the body is {missing:.2f} m from where the step should have brought it")
     return stance.pose
 
 

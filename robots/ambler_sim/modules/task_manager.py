@@ -1,8 +1,8 @@
 """The task manager: takes a path apart into arcs of a course, and tells a person how the walk goes."""
 
-import math
 from collections.abc import Callable, Iterator
 
+from robots.ambler_sim.geometry import distance
 from robots.ambler_sim.messages import (
     CONFIRM_ARC,
     LOSE_PROGRAM,
@@ -29,7 +29,7 @@ class Odometer:
 
     def add(self, pose: Pose) -> float:
         """The robot is here now; the metres so far."""
-        self.metres += math.hypot(pose.x - self._last.x, pose.y - self._last.y)
+        self.metres += distance(self._last, pose)
         self._last = pose
         return self.metres
 

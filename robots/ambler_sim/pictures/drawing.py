@@ -9,7 +9,7 @@ from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.planning.stability import support_polygon, world_centre_of_gravity
 from robots.ambler_sim.vocabulary import Foot, Pose, Stance
 from robots.drawing import View
-from robots.plane import seen_from
+from robots.plane import placed, seen_from
 from tca_tools.drawing.svg import document
 
 WIDTH, HEIGHT = 960, 430
@@ -112,8 +112,7 @@ def _height_bands(pose: Pose, terrain: Terrain) -> list[str]:
     """Strips of equal stratum, lighter where the ground is higher, row by row across the robot's way."""
     rows, columns = np.arange(-BEHIND, AHEAD, CELL), np.arange(-TOP_MIDDLE / SCALE, TOP_MIDDLE / SCALE, CELL)
     ahead, left = np.meshgrid(rows + CELL / 2, columns + CELL / 2, indexing="ij")
-    cos, sin = np.cos(pose.heading), np.sin(pose.heading)
-    heights = terrain.heights_at(pose.x + cos * ahead - sin * left, pose.y + sin * ahead + cos * left)
+    heights = terrain.heights_at(*placed(pose.x, pose.y, pose.heading, ahead, left))
     strata = np.floor((heights - heights.min()) / STRATUM).astype(int)
     strips: dict[str, list[str]] = {}
     for row, levels in zip(rows, strata, strict=True):

@@ -1,8 +1,8 @@
 """Checks before and after a move: from a stance, a planned move and sensors to a verdict."""
 
-import math
 from dataclasses import astuple, dataclass, replace
 
+from robots.ambler_sim.geometry import distance
 from robots.ambler_sim.planning.gait import with_foot
 from robots.ambler_sim.planning.stability import conservative_margin, energy_margin, support_margin
 from robots.ambler_sim.vocabulary import BodyMove, LegMove, Readings, Stance
@@ -77,7 +77,7 @@ def is_stable(margins: Margins) -> bool:
 def fault_of_footfall(move: LegMove, stance: Stance, readings: Readings) -> str:
     """The fault in how the foot stands after a leg move; "" if there is none."""
     foot, load = stance.feet[move.leg], readings.loads[move.leg]
-    aside = math.hypot(foot.x - move.foothold.x, foot.y - move.foothold.y)
+    aside = distance(foot, move.foothold)
     off_level = foot.z - move.foothold.z
     if not load >= LEAST_LOAD:  # broken sensors say NaN
         return f"leg {move.leg} bears {load / 1000:.1f} kN only"

@@ -77,16 +77,6 @@ def with_obstacles(ground: ElevationMap, obstacles: Iterable[Obstacle]) -> Eleva
     return make_map(ground.x, ground.y, heights, known_cells(ground))
 
 
-def windows(ground: ElevationMap, x: float, y: float, reach: float) -> tuple[slice, slice]:
-    """The rows and columns of the cells within *reach* of a point, cut off at the border of the map."""
-    cells = math.ceil(reach / ground.resolution)
-    row = round((x - ground.x) / ground.resolution)
-    column = round((y - ground.y) / ground.resolution)
-    return slice(max(row - cells, 0), max(row + cells + 1, 0)), slice(
-        max(column - cells, 0), max(column + cells + 1, 0)
-    )
-
-
 # --- from range images ------------------------------------------------------------------------------------------------
 
 

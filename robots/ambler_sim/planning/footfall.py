@@ -19,7 +19,7 @@ from robots.ambler_sim.geometry import (
     to_body,
     within_limits,
 )
-from robots.ambler_sim.planning.elevation import Mask, heights_of, known_cells, windows
+from robots.ambler_sim.planning.elevation import Mask, heights_of, known_cells
 from robots.ambler_sim.vocabulary import ElevationMap, Foot, Step, Window
 
 SEARCH_RADIUS = 0.5
@@ -81,17 +81,13 @@ def costs(cells: Candidates, ideal: Foot) -> Array:
 def candidates(ground: ElevationMap, ideal: Foot, radius: float = SEARCH_RADIUS) -> Candidates:
     """Every cell within *radius* of the ideal foothold that has a known or filled-in patch around it."""
     margin = PATCH // 2
-    rows, columns = windows(ground, ideal.x, ideal.y, radius + margin * ground.resolution)
-    heights, known = heights_of(ground)[rows, columns], known_cells(ground)[rows, columns]
-    inner = known[margin:-margin, margin:-margin]
-    if not inner.size:
-        heights = np.full((PATCH, PATCH), np.nan)
-    patches = sliding_window_view(heights, (PATCH, PATCH)).reshape(-1, PATCH * PATCH)
-    row, column = np.indices(inner.shape).reshape(2, -1)
-    x = ground.x + ground.resolution * (rows.start + margin + row)
-    y = ground.y + ground.resolution * (columns.start + margin + column)
+    known = known_cells(ground)[margin:-margin, margin:-margin]
+    patches = sliding_window_view(heights_of(ground), (PATCH, PATCH)).reshape(-1, PATCH * PATCH)
+    row, column = np.indices(known.shape).reshape(2, -1)
+    x = ground.x + ground.resolution * (margin + row)
+    y = ground.y + ground.resolution * (margin + column)
     near = (np.hypot(x - ideal.x, y - ideal.y) <= radius) & np.isfinite(patches).all(axis=1)
-    return _fitted(patches[near], x[near], y[near], inner.ravel()[near], ground.resolution)
+    return _fitted(patches[near], x[near], y[near], known.ravel()[near], ground.resolution)
 
 
 def _fitted(patches: Array, x: Array, y: Array, known: Mask, resolution: float) -> Candidates:

@@ -50,11 +50,15 @@ def plan_swing(
         raise OutOfReach(message)
     radius = radius or min(start[1], end[1], RECOVERY_RADIUS)
     lift = _highest(ground, stance.pose, foothold.leg, start, end, radius) + CLEARANCE
-    ceiling = stance.pose.height + float(SHOULDER_Z[foothold.leg]) - AMBLER.min_drop
-    if lift > ceiling:
-        message = f"leg {foothold.leg} would have to be lifted to {lift:.2f} m, but reaches only {ceiling:.2f} m"
-        raise PathBlocked(message)
+    require_lift(stance.pose, foothold.leg, lift)
     return LegMove(foothold.leg, foothold, lift, radius, sense)
+
+
+def require_lift(pose: Pose, leg: int, lift: float) -> None:
+    """Raise PathBlocked when a foot can't be lifted to this height."""
+    ceiling = pose.height + float(SHOULDER_Z[leg]) - AMBLER.min_drop
+    if lift > ceiling:
+        raise PathBlocked(f"leg {leg} would have to be lifted to {lift:.2f} m, but reaches only {ceiling:.2f} m")
 
 
 def rotation(start: float, end: float, sense: int) -> float:

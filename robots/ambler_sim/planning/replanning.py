@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from robots.ambler_sim.errors import AmblerError, NoFootfall, NoStep, OutOfReach, PathBlocked, UnstableMove
-from robots.ambler_sim.geometry import AMBLER, SHOULDER_Z, circulating_angle, circulation, offset, side_of
+from robots.ambler_sim.geometry import circulating_angle, circulation, distance, offset, side_of
 from robots.ambler_sim.planning.checks import is_stable, margins_of_body_move, margins_of_leg_move
 from robots.ambler_sim.planning.elevation import AHEAD, SIZE, height_at
 from robots.ambler_sim.planning.footfall import choose_foothold
@@ -19,7 +19,7 @@ from robots.ambler_sim.planning.gait import (
     standard_places,
     with_foot,
 )
-from robots.ambler_sim.planning.leg_recovery import plan_swing
+from robots.ambler_sim.planning.leg_recovery import plan_swing, require_lift
 from robots.ambler_sim.planning.stability import conservative_margin, energy_margin
 from robots.ambler_sim.vocabulary import (
     LEGS,
@@ -84,9 +84,7 @@ def felt(contact: Contact) -> Obstacle:
 def raised(move: LegMove, stance: Stance, contact: Contact) -> LegMove:
     """The move RAISE above the obstacle. Raises PathBlocked when the leg is too short for that."""
     lift = max(move.lift, contact.z) + RAISE
-    ceiling = stance.pose.height + float(SHOULDER_Z[move.leg]) - AMBLER.min_drop
-    if lift > ceiling:
-        raise PathBlocked(f"leg {move.leg} can be lifted to {ceiling:.2f} m, not to {lift:.2f} m")
+    require_lift(stance.pose, move.leg, lift)
     return replace(move, lift=lift)
 
 
@@ -182,8 +180,7 @@ def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]
 def _safe_moves(ground: ElevationMap, stance: Stance, places: Iterable[Foot]) -> Iterator[LegMove]:
     """For each of these places where its foot is not, the move there, if it can be made."""
     for place in places:
-        foot = stance.feet[place.leg]
-        if math.hypot(foot.x - place.x, foot.y - place.y) > IN_PLACE:
+        if distance(stance.feet[place.leg], place) > IN_PLACE:
             with contextlib.suppress(OutOfReach, PathBlocked):
                 move = _move_to(ground, stance, place)
                 if is_stable(margins_of_leg_move(stance, move)):

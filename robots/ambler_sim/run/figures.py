@@ -13,10 +13,11 @@ from pathlib import Path
 
 import msgspec
 
+from robots.ambler_sim.geometry import distance
 from robots.ambler_sim.messages import CALIBRATE, FAULT_BEGAN, MOVE_BODY, TRAVERSE_PATH
 from robots.ambler_sim.modules.fault_injector import CENTRAL
 from robots.ambler_sim.run.rules import FOOTFALL, PLANNED_AHEAD, RULES, STABILITY
-from robots.ambler_sim.vocabulary import ORIGIN, Footstep, Pose
+from robots.ambler_sim.vocabulary import ORIGIN, Footstep
 from tca_tools.check.checked_run import CheckedRun
 from tca_tools.check.rules import RULES as RULES_OF_TASKS
 from tca_tools.journal.fold import History
@@ -169,7 +170,8 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
     """Of a walk whose programs have ended. *wall*: how long it took."""
     history = History()
     checked = CheckedRun.of(open_log(journal), RULES, history)
-    steps = read_footsteps(record)
+    written = record.read_bytes() if record.exists() else b""
+    steps = _footsteps(written)
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     mending = {"call operator", "do again", *chain.from_iterable(RECOVERIES.values())}
     recoveries = Counter(
@@ -178,12 +180,12 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
     last = steps[-1] if steps else None
     return Figures(
         footsteps=len(steps),
-        way=sum(_distance(a, b) for a, b in pairwise([ORIGIN, *(step.true_pose for step in steps)])),
+        way=sum(distance(a, b) for a, b in pairwise([ORIGIN, *(step.true_pose for step in steps)])),
         steepest=max((step.slope for step in steps), default=0.0),
         slopes=_histogram([step.slope for step in steps]),
         most_tilt=math.degrees(max((step.tilt for step in steps), default=0.0)),
         least_margin=min((step.margin for step in steps), default=math.nan),
-        error=_distance(last.pose, last.true_pose) if last else 0.0,
+        error=distance(last.pose, last.true_pose) if last else 0.0,
         faults=_faults(history),
         operator_calls=recoveries["call operator"],
         recoveries=dict(recoveries),
@@ -195,7 +197,7 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
         cpu=children.ru_utime + children.ru_stime,
         load=os.getloadavg()[0],
         memory=usage.at_end(),
-        digest=hashlib.sha256(record.read_bytes() if record.exists() else b"").hexdigest()[:16],
+        digest=hashlib.sha256(written).hexdigest()[:16],
     )
 
 
@@ -207,12 +209,9 @@ def _megabytes(process: int) -> float:
         return 0.0
 
 
-def read_footsteps(record: Path) -> list[Footstep]:
-    """From the file that the controller has written; the last of each number counts."""
-    if not record.exists():
-        return []
-    lines = record.read_bytes().splitlines()
-    steps = (msgspec.json.decode(line, type=Footstep) for line in lines)
+def _footsteps(written: bytes) -> list[Footstep]:
+    """From the lines that the controller has written; the last of each number counts."""
+    steps = (msgspec.json.decode(line, type=Footstep) for line in written.splitlines())
     return list({step.number: step for step in steps}.values())
 
 
@@ -272,7 +271,3 @@ def _rules(checked: CheckedRun) -> RuleFigures:
 def _histogram(slopes: Sequence[float]) -> dict[str, int]:
     classes = Counter(int(slope / CLASS) for slope in slopes)
     return {f"{CLASS * number:.0%}-{CLASS * (number + 1):.0%}": classes[number] for number in sorted(classes)}
-
-
-def _distance(a: Pose, b: Pose) -> float:
-    return math.hypot(a.x - b.x, a.y - b.y)

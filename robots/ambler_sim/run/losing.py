@@ -7,7 +7,6 @@ lost".
 import threading
 import time
 from collections.abc import Callable
-from typing import Self
 
 from robots.ambler_sim.messages import FAULT_BEGAN
 from robots.ambler_sim.modules.fault_injector import CENTRAL
@@ -33,20 +32,14 @@ class ProgramKiller:
         self._address = address
         self._killer: threading.Thread | None = None
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.end()
-
-    def end(self) -> None:
+    def close(self) -> None:
         """Wait until all lost programs are back."""
         if self._killer is not None:
             self._killer.join()
 
     def kill(self, task: Task, name: str) -> None:
         """Kill a program, and return when it is back; or stop a planner, which is killed soon after."""
-        self.end()
+        self.close()
         _wait(lambda: is_quiet(task), PATIENCE)
         if name in PLANNERS:
             self._programs.halt(name)

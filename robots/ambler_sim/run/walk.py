@@ -4,6 +4,7 @@ import argparse
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -101,7 +102,7 @@ class Walk:
 
     def conduct(self, address: str, programs: Programs) -> bool:
         """Be the task manager: send the goal and watch it being achieved; whether it was."""
-        with ProgramKiller(programs, address) as killer, self._progress:
+        with closing(ProgramKiller(programs, address)) as killer, self._progress:
             self._bar = self._progress.add_task("walking", total=self.options.metres)
             module = task_manager.make_module(self.show, lambda number: self.confirm(number, programs), killer.kill)
             module.central = address
@@ -112,7 +113,7 @@ class Walk:
                     module.query(is_attached(layer), timeout=START_TIME)
                 goal = module.goal(TRAVERSE_PATH, PathToWalk(self.bends, ask=bool(self.options.between_arcs)))
                 has_arrived = self.watch(goal, programs)
-                killer.end()
+                killer.close()
                 if has_arrived:
                     self.photograph(module)
         return has_arrived
