@@ -19,9 +19,7 @@ _MARK = b"made by tca"
 _TAIL = 100
 """The mark is among the last bytes."""
 _MARKS = {
-    ".html": b"<!-- " + _MARK + b" -->\n",
-    ".htm": b"<!-- " + _MARK + b" -->\n",
-    ".svg": b"<!-- " + _MARK + b" -->\n",
+    **dict.fromkeys((".html", ".htm", ".svg"), b"<!-- " + _MARK + b" -->\n"),
     ".dot": b"// " + _MARK + b"\n",
     ".pdf": b"\n% " + _MARK + b"\n",
     ".png": b"\n" + _MARK + b"\n",

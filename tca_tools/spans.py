@@ -2,6 +2,7 @@
 
 import heapq
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from itertools import accumulate
 from math import inf
@@ -86,22 +87,15 @@ def lanes(spans: Iterable[Span]) -> Iterator[int]:
 
 def levels(spans: Iterable[Span]) -> Iterator[tuple[float, int]]:
     """How many of the spans go on, from each time on at which that changes."""
-    starts, ends = list[float](), list[float]()
+    changes = defaultdict[float, int](int)
     for start, end in spans:
         if end > start:
-            starts.append(start)
-            ends.append(end)
-    starts.sort()
-    ends.sort()
-    begun = over = count = 0
-    while over < len(ends):
-        time = min(starts[begun], ends[over]) if begun < len(starts) else ends[over]
-        while begun < len(starts) and starts[begun] == time:
-            begun += 1
-        while over < len(ends) and ends[over] == time:
-            over += 1
-        if begun - over != count:
-            count = begun - over
+            changes[start] += 1
+            changes[end] -= 1
+    count = 0
+    for time, change in sorted(changes.items()):
+        if change:
+            count += change
             yield time, count
 
 

@@ -5,6 +5,7 @@ import select
 import shutil
 import sys
 import unicodedata
+from collections.abc import Sequence
 
 _LEAST_NAME = 6
 """Columns that are left of a name before its number."""
@@ -50,6 +51,12 @@ def padded(text: str, width: int) -> str:
     """*text* in exactly *width* columns, cut if need be."""
     text = cut(text, width)
     return text + " " * (width - columns_of(text))
+
+
+def table_lines(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of cells as lines, with columns as wide as their widest cell."""
+    widths = [max(map(columns_of, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(map(padded, row, widths)).rstrip() for row in rows]
 
 
 def can_show(characters: str) -> bool:

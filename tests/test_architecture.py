@@ -213,7 +213,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "user_file": {"errors"},
         "user_toml": {"errors"},
         "properties": set(),
-        "live": {"errors"},
+        "live": {"errors", "terminal"},
         "supervise": {"errors", "user_toml"},
         "explore": {"check", "properties", "user_file"},
         "spans": set(),

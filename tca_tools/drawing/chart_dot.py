@@ -6,6 +6,7 @@ the id "state-3", and the class "active", "current" or "foreseen" if it is.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from html import escape
 from itertools import pairwise
 
@@ -81,27 +82,36 @@ def text(words: str, longest: int = _LONGEST) -> str:
     return escape(cut(printable(words), longest)) or "?"
 
 
-def small(words: str) -> str:
+def small(words: str, colour: str = FAINT) -> str:
     """A line of a label, in small print."""
-    return f'<font point-size="9" color="{FAINT}">{text(words, _LONGEST_LINE)}</font>'
+    return f'<font point-size="9" color="{colour}">{text(words, _LONGEST_LINE)}</font>'
 
 
+def quoted(*lines: str) -> str:
+    """Lines as a text that is no label of HTML."""
+    safe = (printable(line).replace("\\", "\\\\").replace('"', '\\"') for line in lines)
+    return '"' + "\\n".join(safe) + '"'
+
+
+@dataclass(frozen=True)
 class _Picture:
-    def __init__(self, chart: MachineChart, marks: Mapping[int, str], likely: Mapping[int, str]) -> None:
-        self.chart = chart
-        self.states = chart.states
-        self.marks = marks
-        self.likely = likely
+    chart: MachineChart
+    marks: Mapping[int, str]
+    likely: Mapping[int, str]
 
     def lines(self) -> Iterator[str]:
         """All states, then all arrows."""
         tops = self.chart.inside(-1)
-        if self.states[0].kind in (StateKind.ACTIVITY, StateKind.WAIT, StateKind.COMPOUND):  # no frame around it all
+        if self.chart.states[0].kind in (
+            StateKind.ACTIVITY,
+            StateKind.WAIT,
+            StateKind.COMPOUND,
+        ):  # no frame around it all
             yield _BEGIN.format("begin")
             yield self._arrow("begin", self._head(tops[0]), self._cut(-1, tops[0]))
         for top in tops:
             yield from self._state(top)
-        for number in range(len(self.states)):
+        for number in range(len(self.chart.states)):
             yield from self._ways_inside(number)
         for place in range(len(self.chart.arrows)):
             yield self._transition(place)
@@ -109,7 +119,7 @@ class _Picture:
     # --- states ------------------------------------------------------------------------------------------------------
 
     def _state(self, number: int) -> Iterator[str]:
-        state, mark = self.states[number], self.marks.get(number, "")
+        state, mark = self.chart.states[number], self.marks.get(number, "")
         names = f'id="state-{number}", class="{mark}"'
         if not self._is_frame(number):
             fill = f'fillcolor="{_FILLS[mark]}", penwidth=2' if mark else ""
@@ -129,14 +139,14 @@ class _Picture:
     def _ways_inside(self, number: int) -> Iterator[str]:
         """From where a container begins to its first state, and from its last ones to where it ends."""
         inside, begin, end = self.chart.inside(number), f"begin_{number}", f"end_{number}"
-        if self.states[number].kind.is_concurrent:  # they stand below its beginning, and above its end
+        if self.chart.states[number].kind.is_concurrent:  # they stand below its beginning, and above its end
             for inner in inside:
                 yield f"{begin} -> {self._head(inner)} [style=invis];"
                 yield f"{self._tail(inner)} -> {end} [style=invis];"
         elif inside:
             yield self._arrow(begin, self._head(inside[0]), self._cut(-1, inside[0]))
             for inner in inside:
-                if self.states[inner].completes:
+                if self.chart.states[inner].completes:
                     yield self._arrow(self._tail(inner), end, self._cut(inner, -1))
             if not self._has_ring(number):
                 yield f"{self._tail(inside[-1])} -> {end} [style=invis];"
@@ -179,12 +189,12 @@ class _Picture:
         ]
 
     def _is_frame(self, number: int) -> bool:
-        return self.states[number].kind.is_container
+        return self.chart.states[number].kind.is_container
 
     def _has_ring(self, number: int) -> bool:
         """Whether a container has a ring: some state in it completes the whole."""
-        is_concurrent = self.states[number].kind.is_concurrent
-        return not is_concurrent and any(self.states[inner].completes for inner in self.chart.inside(number))
+        is_concurrent = self.chart.states[number].kind.is_concurrent
+        return not is_concurrent and any(self.chart.states[inner].completes for inner in self.chart.inside(number))
 
 
 def _label(state: ChartState, between: str) -> str:

@@ -17,7 +17,7 @@ from tca_tools.journal.at_time import TaskAt
 from tca_tools.journal.fates import went_on
 from tca_tools.journal.lives import effect_of
 from tca_tools.journal.whole_run import Run
-from tca_tools.log.fact_rows import fact_row
+from tca_tools.log.fact_rows import BAD_NEWS, fact_row
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, kind_of
 from tca_wire.life_cycles import Effect
@@ -29,21 +29,24 @@ from tca_wire.vocabulary import Outcome
 _SECOND = 1_000_000_000
 _INFO, _WARNING, _ERROR = 2, 3, 4
 """Levels of Foxglove's log."""
-_LEVELS = {"failed": _ERROR, "killed": _WARNING, "dropped": _WARNING, "refused": _WARNING, "module left": _WARNING}
+_LEVELS = dict.fromkeys(BAD_NEWS, _WARNING) | {"failed": _ERROR}
 
 _TEXT, _INT, _NUMBER, _FLAG = ({"type": kind} for kind in ("string", "integer", "number", "boolean"))
 _TIME = object_schema("time", sec=_INT, nsec=_INT)
 _CAUSE = object_schema(
     "cause", kind=_TEXT, module=_TEXT, connection=_INT, number=_INT, message=_TEXT, origin=_INT, due=_TEXT, about=_INT
 )
-_FACTS = object_schema("tca.Fact", t=_NUMBER, entry=_INT, cause=_CAUSE, kind=_TEXT)
-_TASKS = object_schema(
-    "tca.Task", id=_INT, name=_TEXT, parent=_INT, sender=_TEXT, state=_TEXT, failure=_TEXT, handled=_FLAG
-)
-_RESOURCES = object_schema("tca.Resource", resource=_TEXT, running=_INT, queued=_INT)
-_LOG = object_schema(
-    "foxglove.Log", timestamp=_TIME, level=_INT, message=_TEXT, name=_TEXT, file=_TEXT, line=_INT
-)  # fmt: skip
+_SCHEMAS = {
+    "/tca/facts": object_schema("tca.Fact", t=_NUMBER, entry=_INT, cause=_CAUSE, kind=_TEXT),
+    "/tca/tasks": object_schema(
+        "tca.Task", id=_INT, name=_TEXT, parent=_INT, sender=_TEXT, state=_TEXT, failure=_TEXT, handled=_FLAG
+    ),
+    "/tca/resources": object_schema("tca.Resource", resource=_TEXT, running=_INT, queued=_INT),
+    "/tca/log": object_schema(
+        "foxglove.Log", timestamp=_TIME, level=_INT, message=_TEXT, name=_TEXT, file=_TEXT, line=_INT
+    ),
+}
+"""Of topics; those of the robot's messages come from how these were declared."""
 
 
 class Said(NamedTuple):
@@ -208,6 +211,3 @@ class _Topics:
             return object_schema(f"{about} (result)", id=_INT, data=plain_schema(known.reply) if known else None)
         data = plain_schema(known.data) if known else None
         return object_schema(about, id=_INT, sender=_TEXT, parent=_INT, origin=_INT, data=data)
-
-
-_SCHEMAS = {"/tca/facts": _FACTS, "/tca/tasks": _TASKS, "/tca/resources": _RESOURCES, "/tca/log": _LOG}

@@ -132,8 +132,7 @@ class _Filler:
 
     def _failed(self, one: Handling) -> Ending:
         task = self.run.tasks.get(one.message_id)
-        is_last = task is not None and any(last is one for last in task.handlings[-1:])
-        if is_last and task is not None and task.state is TaskState.RESOLVED:
+        if task and task.state is TaskState.RESOLVED and task.handlings[-1] is one:
             return Ending.RESOLVED
         return Ending.COPED if has_coped(self.run, one) else Ending.FAILED
 
@@ -159,7 +158,7 @@ class _Filler:
         kind = BarKind.RESERVED if claim.is_reserved else BarKind.LOCKED
         start = claim.start if claim.granted is None else claim.granted
         bar = self._bar(kind, claim.sender, start, claim.end)
-        bar.title = partial(titles.claimed, self.run, claim)
+        bar.title = partial(titles.claimed, self.run, claim, start)
         return bar
 
     def _marks(self, number: int, bar: Bar) -> list[Mark]:

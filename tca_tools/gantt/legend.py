@@ -1,6 +1,5 @@
 """The legend of a chart: its colours and hatchings."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 from tca_tools.drawing import svg
@@ -48,15 +47,13 @@ def legend(items: list[tuple[str, str]], width: float, top: float) -> tuple[list
 
 def patterns(chart: Chart) -> str:
     """The hatchings of messages: of what queues, leaning to one side, and of what is suspended, to the other."""
-    return f"<defs>{''.join(_patterns(chart))}</defs>"
-
-
-def _patterns(chart: Chart) -> Iterator[str]:
+    made = []
     numbers = {name: number for number, name in enumerate(chart.names)}
     for name, kind in sorted({(bar.name, bar.kind) for row in chart.rows for bar in row.queued}):
         angle, gap = (45, 5) if kind is BarKind.QUEUED else (-45, 9)
-        yield (
+        made.append(
             f'<pattern id="{kind}{numbers[name]}" width="{gap}" height="5" patternUnits="userSpaceOnUse" '
             f'data-lean="rotate({angle})" patternTransform="rotate({angle})"><rect width="{gap}" height="5" '
             f'fill="#ffffff"/><rect width="2" height="5" fill="{dark(numbers[name])}"/></pattern>'
         )
+    return f"<defs>{''.join(made)}</defs>"

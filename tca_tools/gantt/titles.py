@@ -96,11 +96,10 @@ def why_held(run: Run, who: str, start: float, waits: list[Wait]) -> str:
     return who + (several_in_words(told(RunAt(run, start), waits)) or "held")
 
 
-def claimed(run: Run, claim: Claim) -> str:
+def claimed(run: Run, claim: Claim, start: float) -> str:
     """``controller locked by scanner from ...``."""
     where = place(claim.module, claim.resource)
     how = "reserved" if claim.is_reserved else "locked"
-    start = claim.start if claim.granted is None else claim.granted
     why = f": {claim.ended}" if claim.ended else ""
     whose = f" while handling {run.describe(claim.by.message_id)}" if claim.by else ""
     return f"{where} {how} by {claim.sender}{whose} {_span(run, start, claim.end)}{why}"

@@ -7,7 +7,7 @@ import click
 from tca_tools.drawing.pictures import write_graph
 from tca_tools.life_cycle.dot import dot_source
 from tca_tools.life_cycle.found import meant
-from tca_tools.life_cycle.table import table_lines
+from tca_tools.life_cycle.table import life_cycle_lines
 from tca_tools.options import check_output, force_option, log_argument, output_option
 from tca_tools.output import show_text
 from tca_tools.terminal import line_width
@@ -31,7 +31,7 @@ def lifecycle(what: str, log_path: Path | None, output: Path | None, *, force: b
     found = meant(what, log_path)
     if output is None or output.suffix == ".txt":
         width = None if output else line_width()
-        tables = ["\n".join(table_lines(one, width)) for one in found]
+        tables = ["\n".join(life_cycle_lines(one, width)) for one in found]
         show_text("\n\n".join(tables), output)
         return
     if len(found) > 1:

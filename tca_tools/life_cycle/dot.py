@@ -6,10 +6,11 @@ each of them back to itself is written in the frame.
 
 from collections.abc import Iterator
 
-from tca_tools.drawing.chart_dot import INK, graph
+import msgspec
+
+from tca_tools.drawing.chart_dot import INK, graph, quoted
 from tca_tools.life_cycle.table import TAKEN_BY
 from tca_wire.life_cycles import LifeCycle, Transition
-from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Party
 
 COLOURS = {Party.CLIENT: "#0b4f8a", Party.SERVER: "#1f2933", Party.BOTH: "#7b3fa0"}
@@ -19,7 +20,7 @@ _FILLS = {"first": "#fff3c4", "active": "#ffe4b0", "done": "#cfeccb", "cancelled
 
 def dot_source(life_cycle: LifeCycle) -> str:
     """A directed graph of the states."""
-    title = _quoted(*_title(life_cycle))
+    title = quoted(*_title(life_cycle))
     return graph([f"graph [rankdir=LR, ranksep=0.7, label={title}];", *_statements(life_cycle)])
 
 
@@ -36,12 +37,13 @@ def _statements(life_cycle: LifeCycle) -> Iterator[str]:
     yield f'start [shape=point, width=0.12, fillcolor="{INK}"]; start -> {ids[life_cycle.initial]};'
     yield _node(ids, life_cycle.initial, _FILLS["first"])
     within = [one for one in common if one.source == one.target]
-    words = _quoted("active", *(f"{one.name} ({TAKEN_BY[one.by]})" for one in within))
+    words = quoted("active", *(f"{one.name} ({TAKEN_BY[one.by]})" for one in within))
     inner = " ".join(_node(ids, state, _FILLS["active"]) for state in life_cycle.active)
     yield f'subgraph cluster_active {{ label={words}; style="rounded"; color="#52606d"; {inner} }}'
     for state, kind in ((life_cycle.done, "done"), (life_cycle.cancelled, "cancelled")):
         yield _node(ids, state, _FILLS[kind], ", peripheries=2")
-    drawn = [one for one in life_cycle.transitions if not any(_alike(one, other) for other in common)]
+    drawn_once = set(map(_without_source, common))
+    drawn = [one for one in life_cycle.transitions if _without_source(one) not in drawn_once]
     leaving = [one for one in common if one not in within]
     for rows, looks in ((drawn, ""), (leaving, ", ltail=cluster_active")):
         for (source, target, by), names in _joined(rows).items():
@@ -53,28 +55,15 @@ def _common(life_cycle: LifeCycle) -> list[Transition]:
     active = life_cycle.active
     if len(active) < 2:
         return []
-    rows = set(life_cycle.transitions)
+    of_each = [{_without_source(one) for one in life_cycle.transitions if one.source == state} for state in active]
+    of_all = set.intersection(*of_each)
     of_first = [one for one in life_cycle.transitions if one.source == active[0]]
-    return [one for one in of_first if _of_all(one, active, rows)]
+    return [one for one in of_first if _without_source(one) in of_all and one.target not in active[1:]]
 
 
-def _of_all(one: Transition, active: tuple[str, ...], rows: set[Transition]) -> bool:
-    """Whether every active state has this transition, to the same end or back to itself."""
-    if one.target in active and one.target != one.source:
-        return False
-    for state in active:
-        target = state if one.target == one.source else one.target
-        if Transition(one.name, state, target, one.by, one.effect) not in rows:
-            return False
-    return True
-
-
-def _alike(one: Transition, common: Transition) -> bool:
-    """Whether the row is one of those that *common* stands for."""
-    if (one.name, one.by, one.effect) != (common.name, common.by, common.effect):
-        return False
-    both_stay = one.source == one.target and common.source == common.target
-    return both_stay or one.target == common.target
+def _without_source(one: Transition) -> Transition:
+    """The same for all states that have this transition to one target, or back to themselves."""
+    return msgspec.structs.replace(one, source="", target="" if one.target == one.source else one.target)
 
 
 def _joined(rows: list[Transition]) -> dict[tuple[str, str, Party], list[str]]:
@@ -86,15 +75,10 @@ def _joined(rows: list[Transition]) -> dict[tuple[str, str, Party], list[str]]:
 
 
 def _node(ids: dict[str, str], state: str, fill: str, more: str = "") -> str:
-    return f'{ids[state]} [label={_quoted(state)}, fillcolor="{fill}"{more}];'
+    return f'{ids[state]} [label={quoted(state)}, fillcolor="{fill}"{more}];'
 
 
 def _arrow(names: list[str], by: Party) -> str:
     style = ', style="dashed"' if by is Party.CLIENT else ""
-    words = _quoted(*names)
+    words = quoted(*names)
     return f'label={words}, color="{COLOURS[by]}", fontcolor="{COLOURS[by]}", tooltip={words}{style}'
-
-
-def _quoted(*lines: str) -> str:
-    safe = (printable(line).replace("\\", "\\\\").replace('"', '\\"') for line in lines)
-    return '"' + "\\n".join(safe) + '"'

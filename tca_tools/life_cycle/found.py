@@ -1,12 +1,11 @@
 """The life cycles that somebody means: a built-in one, those of a Python file, or that of a message of a run."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import click
 
 from tca_tools.errors import NotInLog
-from tca_tools.journal.journals import Log, open_log
+from tca_tools.journal.journals import open_log
 from tca_tools.user_file import names_of
 from tca_wire.journal.facts import FormatDefined
 from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, read_life_cycle
@@ -40,7 +39,8 @@ def _in_file(path: Path) -> list[LifeCycle]:
 
 def _of_message(name: str, log_path: Path | None) -> LifeCycle:
     journal = open_log(log_path)
-    found = {fact.message: fact for fact in _formats(journal)}
+    facts = (fact for entry in journal for fact in entry.facts)
+    found = {one.message: one for one in facts if isinstance(one, FormatDefined)}
     journal.check()
     fact = found.get(name)
     if fact is None:
@@ -49,8 +49,3 @@ def _of_message(name: str, log_path: Path | None) -> LifeCycle:
     if not fact.message_class.is_task:
         raise NotInLog(f"{fact.message_class} '{name}' is no task: only tasks have a life cycle")
     return read_life_cycle(fact.life_cycle)
-
-
-def _formats(journal: Log) -> Iterator[FormatDefined]:
-    for entry in journal:
-        yield from (fact for fact in entry.facts if isinstance(fact, FormatDefined))

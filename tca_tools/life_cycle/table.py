@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from tca_tools.terminal import columns_of, cut
+from tca_tools.terminal import cut, table_lines
 from tca_wire.life_cycles import Effect, LifeCycle
 from tca_wire.vocabulary import Party
 
@@ -18,13 +18,11 @@ _EFFECTS = {
 _HEAD = ("state", "transition", "by", "to", "")
 
 
-def table_lines(life_cycle: LifeCycle, width: int | None = None) -> list[str]:
+def life_cycle_lines(life_cycle: LifeCycle, width: int | None = None) -> list[str]:
     """The table, each line in at most *width* columns."""
     rows = [_HEAD, *_rows(life_cycle)]
-    widths = [max(map(columns_of, column)) for column in zip(*rows, strict=True)]
     lines = [f"life cycle '{life_cycle.name}'", *_kinds(life_cycle), ""]
-    lines += ["  ".join(map(_filled, row, widths)).rstrip() for row in rows]
-    return [cut(line, width) for line in lines]
+    return [cut(line, width) for line in [*lines, *table_lines(rows)]]
 
 
 def _kinds(life_cycle: LifeCycle) -> Iterator[str]:
@@ -40,7 +38,3 @@ def _rows(life_cycle: LifeCycle) -> Iterator[tuple[str, ...]]:
             if one.source == state:
                 yield "" if state == last else state, one.name, TAKEN_BY[one.by], one.target, _EFFECTS[one.effect]
                 last = state
-
-
-def _filled(text: str, width: int) -> str:
-    return text + " " * (width - columns_of(text))

@@ -15,6 +15,7 @@ import msgspec
 from tca_module.client import Client
 from tca_tools.live.shared import as_json, json_option, live_command, plain
 from tca_tools.live.top_frame import memory_in_words
+from tca_tools.terminal import table_lines
 from tca_wire.errors import BadData
 from tca_wire.messages.formats import decode_untyped
 from tca_wire.text.measures import counted, listed, numbered
@@ -240,7 +241,5 @@ def _shown_value(variable: dict[str, Any]) -> str:
 
 
 def _table(heads: list[str], rows: Rows) -> str:
-    """Columns as wide as their widest cell; "" without rows."""
-    cells = [[printable(cell) for cell in row] for row in [heads, *rows]]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in cells) if rows else ""
+    """The rows below their heads; "" without rows."""
+    return "\n".join(table_lines([[*map(printable, row)] for row in [heads, *rows]])) if rows else ""

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tca_tools.live.top_frame import Frame, MessageLine, ResourceLine, WaitLine
+from tca_wire.text.measures import counted
 from tca_wire.text.printable import printable
 
 _BAR = 8
@@ -70,8 +71,8 @@ def _tables(shown: Frame) -> dict[str, "_Lines"]:
 
 def _heading(shown: Frame, address: str) -> Text:
     over = f"the last {shown.span:.1f} s" if shown.span < shown.time else "the whole run"
-    modules, tasks = f"module{'s' * (shown.modules != 1)}", f"task{'s' * (shown.tasks != 1)}"
-    counts = f"{shown.modules} {modules}, {shown.tasks} {tasks}, {shown.events:.1f} events/s, {shown.memory}"
+    there = f"{counted(shown.modules, 'module')}, {counted(shown.tasks, 'task')}"
+    counts = f"{there}, {shown.events:.1f} events/s, {shown.memory}"
     return Text.assemble(
         (f"central at {address}", "bold"),
         f"  run {shown.epoch}, up {_long_time(shown.time)}\n{counts}; rates of {over}",

@@ -11,7 +11,7 @@ import click
 from tca_tools.journal.journals import newest_journal, open_log, run_folders, runs_in
 from tca_tools.journal.selection import no_task
 from tca_tools.log.classic import classic_lines
-from tca_tools.log.fact_rows import fact_row
+from tca_tools.log.fact_rows import BAD_NEWS, fact_row
 from tca_tools.log.prune import remove, stored_runs, superfluous
 from tca_tools.log.shorten import EndedTasks
 from tca_tools.options import AGE, SIZE, log_argument
@@ -26,7 +26,6 @@ from tca_wire.text.printable import printable
 KINDS: tuple[str, ...] = tuple(map(kind_of, get_args(Fact)))
 _KIND_WIDTH = max(map(len, KINDS))
 _LINES_AT_ONCE = 500
-BAD_NEWS = {"failed", "killed", "dropped", "refused", "module left"}
 
 
 _folder_argument = click.argument("folder", metavar="[FOLDER]", required=False, type=click.Path(path_type=Path))

@@ -10,6 +10,9 @@ from tca_wire.points import Point, describe_moments
 from tca_wire.text.bodies import plain_data
 from tca_wire.text.facts_in_words import fields_of
 
+BAD_NEWS = {"failed", "killed", "dropped", "refused", "module left"}
+"""The kinds of facts that stand out."""
+
 
 def fact_row(entry: Entry, fact: Fact) -> dict[str, Any]:
     """A fact's fields, its body decoded as *data*. *t* is its time (s), *entry* the number of its entry, and *cause*

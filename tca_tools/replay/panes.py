@@ -67,9 +67,8 @@ class TreePane(ScrollView, can_focus=False):
     def show(self, rows: list[Row], at: RunAt, selected: int) -> None:
         """Show other rows, and keep the selected one in sight."""
         self.rows, self.at, self.selected = rows, at, selected
-        called = [words.called(row.task) if row.task else words.folded(row) for row in rows]
         guides = [before for before, _ in prefixes(rows, UNICODE, *_LEVELS)]
-        self._names = list(zip(guides, called, strict=True))
+        self._names = list(zip(guides, map(words.label, rows), strict=True))
         widest = max((columns_of(before + name) for before, name in self._names), default=0)
         room = max(int(self.size.width * _SHARE_OF_NAMES), _LEAST_NAME)
         self._name_width = min(max(widest, _LEAST_NAME), _NAME_WIDTH, room)

@@ -9,7 +9,7 @@ from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fates import went_on
 from tca_tools.journal.fold import History
 from tca_tools.journal.whole_run import Run
-from tca_tools.log.__main__ import BAD_NEWS
+from tca_tools.log.fact_rows import BAD_NEWS
 from tca_wire.journal.facts import Entry, Fact, Failed, kind_of
 from tca_wire.points import Moment
 from tca_wire.text.facts_in_words import Wording, subject_of

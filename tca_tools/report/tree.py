@@ -57,10 +57,6 @@ def _with_trouble(at: RunAt) -> set[int]:
 
 def spans(task: TaskAt) -> str:
     """``planning 1.00-1.50, achieving 1.50- s``."""
-    told = []
-    for interval in (Interval.PLANNING, Interval.ACHIEVING):
-        if span := words.span(task, interval):
-            start, end = span
-            until = "" if end is None else f"{end:.2f}"
-            told.append(f"{interval} {start:.2f}-{until}")
+    intervals = (Interval.PLANNING, Interval.ACHIEVING)
+    told = [f"{one} {times}" for one in intervals if (times := words.times(task, one))]
     return ", ".join(told) + " s" * bool(told)

@@ -9,7 +9,7 @@ from html import escape
 from itertools import pairwise, starmap
 from operator import itemgetter
 
-from tca_tools.drawing.chart_dot import FAINT, graph
+from tca_tools.drawing.chart_dot import FAINT, graph, quoted, small, text
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.coordinators import STANDINGS as PREVIEWED
 from tca_tools.journal.fates import STANDINGS
@@ -111,25 +111,19 @@ def looks_of(task: TaskAt) -> tuple[str, str] | None:
 
 
 def _label_lines(at: RunAt, task: TaskAt, said: list[str], with_data: bool) -> Iterator[str]:
-    name = escape(cut(printable(task.name), _LONGEST_NAME))
-    yield f'{name} <font color="{FAINT}">{{{task.id}}}</font>'
+    yield f'{text(task.name)} <font color="{FAINT}">{{{task.id}}}</font>'
     times = ""  # when it was achieved or, before that is so, planned
     if span := words.span(task, Interval.ACHIEVING) or words.span(task, Interval.PLANNING):
         start, end = span
         times = f" since {start:.2f}" if end is None else f" {start:.2f}–{end:.2f}"  # noqa: RUF001 - an en dash
-    yield _small(f"{task.standing}{times}", FAINT)
+    yield small(f"{task.standing}{times}")
     for one in said:
         lines = words.lines_of(printable(one), _LONGEST_NAME, _MOST_LINES)
-        yield from (_small(line, _HEAVY) for line in lines)
+        yield from (small(line, _HEAVY) for line in lines)
     if task.failure or task.why_killed is not None:
-        note = words.lines_of(words.note(at, task), _LONGEST_NAME, _MOST_LINES)
-        yield from (_small(line, FAINT) for line in note)
+        yield from map(small, words.lines_of(words.note(at, task), _LONGEST_NAME, _MOST_LINES))
     if with_data and (data := words.data(task)):
-        yield _small(cut(data, _LONGEST_DATA), FAINT)
-
-
-def _small(text: str, colour: str) -> str:
-    return f'<font point-size="9" color="{colour}">{escape(text)}</font>'
+        yield small(cut(data, _LONGEST_DATA))
 
 
 def borders(rows: list[Row]) -> list[tuple[str, str]]:
@@ -173,5 +167,4 @@ def _meaning(colour: str, what: str, meaning: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    text = cut(text, _LONGEST_NOTE * 2).replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + text.replace("\n", "\\n") + '"'
+    return quoted(*cut(text, _LONGEST_NOTE * 2).split("\n"))

@@ -24,6 +24,7 @@ from tca_tools.tasktree_viz.lanes import Line, lines
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut, cut_name
 from tca_wire.points import ROOT, Interval
+from tca_wire.text.measures import from_to
 from tca_wire.text.printable import printable
 
 CHARACTER, _NOTE_CHARACTER, _AFTER_CHARACTER = 6.7, 5.6, 5.5
@@ -171,7 +172,7 @@ class _Picture:
         start, end = span
         left = self._times + self._scale.x(start)
         right = self._times + self._scale.x(self._scale.end if end is None else end)
-        title = f"{what} from {start:.3f} s" + (" on" if end is None else f" to {end:.3f} s")
+        title = f"{what} {from_to(start, end)}"
         return svg.rectangle(look, left, y, max(right, left + 1.5), height, title)
 
     def _guides(self, top: float) -> Iterator[str]:

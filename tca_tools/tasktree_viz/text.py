@@ -8,7 +8,7 @@ import click
 
 from tca_tools.explain.story import story
 from tca_tools.explain.wait_words import in_the_end
-from tca_tools.journal.at_time import RunAt, TaskAt
+from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fates import standing
 from tca_tools.journal.records import Task, TaskState
 from tca_tools.journal.selection import lineage
@@ -68,7 +68,7 @@ def tree_lines(
     states = max(_STATE_WIDTH, *(len(row.task.standing) for row in rows if row.task))
     widest = _widest(width, states)
     before_names = prefixes(rows, guides, *_levels(widest))
-    names = [words.called(row.task) if row.task else words.folded(row) for row in rows]
+    names = list(map(words.label, rows))
     pairs = zip(before_names, names, strict=True)
     name_width = min(max(columns_of(before + name) for (before, _), name in pairs), widest)
     notes = [words.note_of(at, row.task) if row.task else None for row in rows]
@@ -88,7 +88,7 @@ def tree_lines(
             yield click.style(cut(label, width), fg=COLOURS.get(row.state))
             continue
         cells = [f"{row.task.standing:{states}}"]
-        cells += [f"{_times(row.task, one):{wide}}" for one, wide in times.items()]
+        cells += [f"{words.times(row.task, one):{wide}}" for one, wide in times.items()]
         room = None if width is None else max(width - name_width - _GAP, 0)
         rest = _with_note(note, at.time, "  ".join(cells), room)
         yield f"{padded(label, name_width)}  {click.style(rest[:states], fg=COLOURS[row.task.standing])}{rest[states:]}"
@@ -100,7 +100,7 @@ def _time_columns(rows: list[Row], room: int | None) -> dict[Interval, int]:
     """The columns of times and how wide they are; where there is no room, those of the last interval, or none."""
     tasks = [row.task for row in rows if row.task]
     columns = {
-        one: max([_TIMES_WIDTH, *(len(_times(task, one)) for task in tasks)])
+        one: max([_TIMES_WIDTH, *(len(words.times(task, one)) for task in tasks)])
         for one in (Interval.PLANNING, Interval.ACHIEVING)
     }
     while room is not None and columns and sum(columns.values()) + len(columns) * _GAP > room:
@@ -114,13 +114,6 @@ def _with_note(note: words.TaskNote, time: float, cells: str, room: int | None) 
     if left is not None and left < _LEAST_NOTE:
         return cut(cells, room)
     return f"{cells}  {note.within(left, time)}".rstrip()
-
-
-def _times(task: TaskAt, interval: Interval) -> str:
-    if not (span := words.span(task, interval)):
-        return ""
-    start, end = span
-    return f"{start:.2f}-" if end is None else f"{start:.2f}-{end:.2f}"
 
 
 def prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[tuple[str, str]]:

@@ -26,7 +26,7 @@ from tca_wire.points import Edge, Interval, moment_of
 from tca_wire.text.bodies import data_text, plain_data
 from tca_wire.text.facts_in_words import by_whom
 from tca_wire.text.measures import counted, duration
-from tca_wire.text.printable import printable
+from tca_wire.text.printable import first_line, printable
 from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.waits import WaitFor
 
@@ -65,6 +65,14 @@ def span(task: TaskAt, interval: Interval) -> tuple[float, float | None] | None:
     return start, end
 
 
+def times(task: TaskAt, interval: Interval) -> str:
+    """``1.30-4.25``, ``1.30-`` while it goes on; "" before it."""
+    start, end = span(task, interval) or (None, None)
+    if start is None:
+        return ""
+    return f"{start:.2f}-" if end is None else f"{start:.2f}-{end:.2f}"
+
+
 def role(task: TaskAt) -> str:
     """Why there is such a task, if not because a module wanted it done: "listener", "exception handler", "monitor"; of
     one that a coordinator sent ahead of its state what became of that.
@@ -75,6 +83,11 @@ def role(task: TaskAt) -> str:
 def called(task: TaskAt) -> str:
     """Its name, with its role: ``stability check {7} (listener)``."""
     return printable(str(task)) + (f" ({said})" if (said := role(task)) else "")
+
+
+def label(row: Row) -> str:
+    """The name of a row's task, or how many tasks it stands for."""
+    return called(row.task) if row.task else folded(row)
 
 
 class TaskNote(NamedTuple):
@@ -193,9 +206,7 @@ def lasting(its_age: Age | None, time: float) -> str:
 
 def failure_line(text: str) -> str:
     """A failure in one line: of a traceback, what comes before it."""
-    first, *rest = text.strip().splitlines() or [""]
-    more = " ..." if any(map(str.strip, rest)) else ""
-    return cut(printable(first), _LONGEST_FAILURE) + more
+    return cut(printable(first_line(text)), _LONGEST_FAILURE)
 
 
 def data(task: TaskAt) -> str:

@@ -25,10 +25,9 @@ def view(log_path: Path | None, port: int, host: str, central: str | None, *, re
     interrupted.
     """
     with extra("view", "tca view"):
-        from tca_tools.view.app import application  # noqa: PLC0415 - the viewer is an extra
+        from tca_tools.view.app import Steering, application  # noqa: PLC0415 - the viewer is an extra
         from tca_tools.view.runs import Runs  # noqa: PLC0415
         from tca_tools.view.served_page import serve_page  # noqa: PLC0415
-        from tca_tools.view.steering import Steering  # noqa: PLC0415
     log = open_log(log_path)
     log.check_beginning()
     log.tell()

@@ -15,7 +15,7 @@ from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.fates import Fate, coped_with, fate, told_to
 from tca_tools.journal.records import OVER, Hold, Message, Task
 from tca_tools.journal.whole_run import Run
-from tca_tools.tasktree_viz.failing import Link, failure_chain
+from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import failure_line, note_of, span
 from tca_tools.view.machines import machine_answer
 from tca_tools.view.pictures import is_picture, picture_in
@@ -74,11 +74,8 @@ def _chain_answer(run: Run, task: Task, moment: float) -> Data:
     """The steps of its failure."""
     links = failure_chain(run, TaskId(task.id), moment)
     shown = links[-_LONGEST_STORY:]
-    return {"chain": [_link(one) for one in shown], "unlinked": len(links) - len(shown)}
-
-
-def _link(one: Link) -> Data:
-    return {"time": one.time, "depth": one.depth, "text": failure_line(one.text)}
+    chain = [{"time": one.time, "depth": one.depth, "text": failure_line(one.text)} for one in shown]
+    return {"chain": chain, "unlinked": len(links) - len(shown)}
 
 
 def _relations(at: RunAt, message: Message) -> list[tuple[str, str]]:
@@ -109,14 +106,12 @@ def _sentence(one: Sentence, moment: float) -> Data:
 def _failure_answer(run: Run, message: Message, moment: float) -> Data:
     """Its failure as it stood, whether the run went on after it, and who was told."""
     failure, time = message.was("failure", moment), message.written("failure", moment)
-    if not failure:
-        return {"failure": "", "handled": coped_with(run, message, moment), "replaced": False, "told": ""}
-    became = fate(run, message, time, moment)
+    became = fate(run, message, time, moment) if failure else None
     return {
         "failure": printable_lines(failure),
         "handled": coped_with(run, message, moment),
         "replaced": became in (Fate.REPLACED, Fate.RETRIED),
-        "told": told_to(run, message, time, moment),
+        "told": told_to(run, message, time, moment) if failure else "",
     }
 
 
@@ -239,12 +234,6 @@ def messages_answer(reading: Reading, place: int, before: int, after: int) -> li
                 line["isBad"] = kind_of(fact) in _BAD and getattr(fact, "lost", True)
                 lines.append(line | {"text": wording.words(fact), "data": data[:_LONGEST_DATA]})
     return lines
-
-
-def numbers(text: str) -> list[int]:
-    """The numbers of a list such as "3,17": what is none is left out."""
-    parts = [part for part in text.split(",") if part.isdecimal() and len(part) < 16]
-    return [TaskId(int(part)) for part in parts]
 
 
 def picture_answer(reading: Reading, message_id: int) -> dict[str, str] | None:

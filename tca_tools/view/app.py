@@ -1,9 +1,11 @@
-"""The HTTP server of the page. It answers from a Reading, and fetches nothing; what it does to a running central it
-does through steering.py. Starlette calls what is no coroutine in a thread, where it may wait.
+"""The HTTP server of the page. It answers from a Reading, and fetches nothing; to a task of a live run it does the same
+as ``tca kill`` and its like, after the same questions. Starlette calls what is no coroutine in a thread, where it may
+wait.
 """
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,20 +22,39 @@ from starlette.staticfiles import StaticFiles
 from tca_tools.errors import ToolError
 from tca_tools.journal.coordinators import STANDINGS as PREVIEWED
 from tca_tools.journal.fates import HANDLED
+from tca_tools.live.steering import steer
 from tca_tools.tasktree_viz.dot import FILLS
 from tca_tools.view import answers
-from tca_tools.view.guards import NotAllowed, guards
+from tca_tools.view.guards import NotAllowed, PageKey, guards
 from tca_tools.view.machines import machine_picture
 from tca_tools.view.outcomes import Outcomes
 from tca_tools.view.reading import Reading
 from tca_tools.view.runs import Runs, Shown
-from tca_tools.view.steering import Steering, SteeringRequest
+from tca_wire.points import TaskId
 
 PAGE = Path(__file__).parent / "page"
 _PATIENCE = 10.0
 """Seconds that a page's question for news may stay open."""
 _OF_OTHERS = 2.0
 """Seconds of patience for a run that does not go on: another one may begin."""
+
+
+class SteeringRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a page asks to be done."""
+
+    run: str
+    """The address of the run that it shows."""
+    task: int
+    what: str
+    why: Annotated[str, msgspec.Meta(max_length=1000)] = ""
+
+
+@dataclass(frozen=True)
+class Steering:
+    """The central that pages may steer, by its address (None: as all commands find it), and the key for that."""
+
+    central: str | None
+    key: PageKey = field(default_factory=partial(PageKey, "tca view"))
 
 
 def application(runs: Runs, hosts: list[str], steering: Steering | None = None, token: str = "") -> Starlette:
@@ -129,7 +150,8 @@ async def _steer(runs: Runs, steering: Steering, request: Request) -> Response:
 def _steered(runs: Runs, steering: Steering, asked: SteeringRequest) -> str:
     if (shown := runs.show(asked.run)) is None or shown.reading.state != "live":
         raise ToolError("this run has ended: nothing can be done to its tasks")
-    return steering.steer(asked, shown.reading.feed.history.epoch)
+    epoch = shown.reading.feed.history.epoch
+    return steer(steering.central, epoch, asked.what, asked.task, asked.why)
 
 
 def _no_run(address: str | None) -> Response:
@@ -162,7 +184,9 @@ def _id(request: Request) -> int:
 
 
 def _numbers(request: Request, name: str) -> list[int]:
-    return answers.numbers(request.query_params.get(name, ""))
+    """The numbers of a list such as "3,17": what is none is left out."""
+    parts = request.query_params.get(name, "").split(",")
+    return [TaskId(int(part)) for part in parts if part.isdecimal() and len(part) < 16]
 
 
 def _number(request: Request, name: str) -> int:

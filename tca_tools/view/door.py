@@ -35,8 +35,3 @@ def listening(host: str, port: int) -> socket.socket:
         return socket.create_server((host, port), family=family)
     except OSError as error:
         raise ToolError(f"{host}:{port}: can't serve there ({error.strerror or error}): give another --port") from None
-
-
-def in_address(host: str) -> str:
-    """A host as web addresses have it."""
-    return f"[{host}]" if ":" in host else host

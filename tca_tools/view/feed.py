@@ -87,7 +87,6 @@ class Feed:
         self._rows: dict[str, int] = {}
         self._open: dict[object, _OpenSpan] = {}  # by the identity of a record, or what it is of
         self._newest: dict[int, int] = {}  # by message the span in which it was handled or queued last
-        self._connected: dict[str, set[str]] = {}  # by module its resources
         self._lanes: dict[tuple[int, str], Lanes] = {}  # by row, and what lies in them
         self._states: dict[int, int] = {}  # how many states and constraints of a task have been told
         self._holds: dict[int, int] = {}
@@ -281,11 +280,9 @@ class Feed:
         if not record.joined:
             return
         start, end = record.joined[-1]
-        connected = self._connected.setdefault(record.name, set())
         if end is not None:
-            for resource in connected:
+            for resource in record.resources:
                 self._end((record.name, resource), end)
-            connected.clear()
             return
         self._row(record.name, "")  # rows stand in the order in which modules joined
         for resource, capacity in record.resources.items():
@@ -293,7 +290,6 @@ class Feed:
                 row = self._row(record.name, resource)
                 key = (record.name, resource)
                 self._begin(key, SpanKind.CONNECTED, row, record.name, 0, start)
-                connected.add(resource)
 
     def _row(self, module: str, resource: str) -> int:
         label = place(module, resource) if module else resource or NO_HANDLER

@@ -1,6 +1,7 @@
 """Pictures that modules publish: shared variables with a name like "picture of the arm": SVG text, or PNG bytes."""
 
 from base64 import b64encode
+from contextlib import suppress
 
 import msgspec
 
@@ -19,20 +20,14 @@ def is_picture(message: Message) -> bool:
 
 def picture_in(message: Message) -> dict[str, str]:
     """The picture that came with a message, as the address of an image; or why it can't be shown."""
-    kind, data = _read(message.body)
-    if not kind:
-        return {"problem": "this value is neither SVG as text nor PNG as bytes"}
-    return {"image": f"data:{kind};base64,{b64encode(data).decode()}"}
+    with suppress(msgspec.MsgspecError):
+        match msgspec.msgpack.decode(message.body):
+            case str() as text if "<svg" in text:
+                return _image("svg+xml", text.encode())
+            case bytes() as data if data.startswith(_PNG):
+                return _image("png", data)
+    return {"problem": "this value is neither SVG as text nor PNG as bytes"}
 
 
-def _read(body: bytes) -> tuple[str, bytes]:
-    """The kind of a picture and its bytes; of anything else an empty kind."""
-    try:
-        value = msgspec.msgpack.decode(body)
-    except msgspec.MsgspecError:
-        return "", b""
-    if isinstance(value, str) and "<svg" in value:
-        return "image/svg+xml", value.encode()
-    if isinstance(value, bytes) and value.startswith(_PNG):
-        return "image/png", value
-    return "", b""
+def _image(kind: str, data: bytes) -> dict[str, str]:
+    return {"image": f"data:image/{kind};base64,{b64encode(data).decode()}"}

@@ -186,16 +186,12 @@ class Reading:
 
     def _pause(self) -> None:
         self._take()
-        if self._is_written != self._wrote:
+        if (news := (self._wrote, self.log.cut)) != (self._is_written, self.cut):
             with self:
-                self._is_written = self._wrote
+                self._is_written, self.cut = news
                 self._grown.notify_all()
         if not self.caught_up:
             self._catch_up()
-        if (cut := self.log.cut) != self.cut:
-            with self:
-                self.cut = cut
-                self._grown.notify_all()
         self._look_who_writes()
         if self._stopped.wait(_POLL_SECONDS):
             raise _Stopped

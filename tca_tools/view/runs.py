@@ -67,8 +67,6 @@ class Runs:
     """
 
     def __init__(self, log: Log, *, follows: bool) -> None:
-        self.log = log
-        """The one that was asked for, or was the newest then."""
         self.follows = follows
         """Whether the newest one is shown, whichever that is."""
         self._own = log.path.resolve()
@@ -89,9 +87,22 @@ class Runs:
         """By address: what a page that shows the run of a LOG need not be told of."""
 
     def all(self) -> list[ListedRun]:
-        """Those there are now, oldest first."""
+        """Those there are now, oldest first; what they are called is known from now on, and which is the newest."""
+        newest = self._own
         with self._lock:
-            return self._look()
+            if self.follows:
+                try:
+                    newest = newest_journal().resolve()
+                except UnusableLog:  # its folder is gone
+                    newest = Path()
+                else:
+                    self._places.setdefault(newest)
+            places = _told_apart(self._all_places())
+            found = [run for place, name in places.items() for run in self._in(place, name)]
+            self._names.update((run.address, run.name) for run in found)
+            self._newest = next((run.address for run in reversed(found) if run.path == newest), self._newest)
+            self._look_again = monotonic() + _KNOWN
+        return found
 
     @property
     def first(self) -> RunName:
@@ -103,7 +114,7 @@ class Runs:
         """The one that began last; of a LOG the last that lies in it. Known for a while."""
         with self._lock:
             if monotonic() >= self._look_again:
-                self._look()
+                self.all()
         return self._named(self._newest)
 
     def names(self, shown: Shown) -> tuple[RunName, RunName]:
@@ -166,33 +177,13 @@ class Runs:
         if address == self._first and self._given:  # it is open
             log, self._given = self._given, None
             return log
-        runs = self._look()
+        runs = self.all()
         found = next((run for run in runs if run.address == address), None)
         found = found or next((run for run in runs if str(run.path) == address), None)  # it was empty
         try:
             return open_log(found.path, found.epoch) if found else None
         except UnusableLog:
             return None
-
-    def _look(self) -> list[ListedRun]:
-        """Those there are now, oldest first; what they are called is known from now on, and which is the newest."""
-        newest = self._own
-        if self.follows:
-            try:
-                newest = newest_journal().resolve()
-            except UnusableLog:  # its folder is gone
-                newest = Path()
-            else:
-                self._places.setdefault(newest)
-        found = list(self._all())
-        self._names.update((run.address, run.name) for run in found)
-        self._newest = next((run.address for run in reversed(found) if run.path == newest), self._newest)
-        self._look_again = monotonic() + _KNOWN
-        return found
-
-    def _all(self) -> Iterator[ListedRun]:
-        for place, name in _told_apart(self._all_places()).items():
-            yield from self._in(place, name)
 
     def _all_places(self) -> list[Path]:
         """Folders with a run, and the file that was named as LOG; of links to one folder the last counts."""
@@ -216,11 +207,8 @@ class Runs:
         return self._folders[place][1]
 
     def _in(self, place: Path, name: str) -> Iterator[ListedRun]:
-        if place.is_file():
-            yield ListedRun(_address(place, None), name, place, None, None)
-            return
         try:
-            epochs = self._folder(place).epochs()
+            epochs = [] if place.is_file() else self._folder(place).epochs()
         except (UnusableLog, OSError):
             return
         if not epochs:

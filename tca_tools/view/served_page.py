@@ -11,7 +11,7 @@ from typing import Any
 import click
 import uvicorn
 
-from tca_tools.view.door import LOCAL, in_address
+from tca_tools.view.door import LOCAL
 from tca_tools.view.guards import TOKEN
 
 
@@ -39,7 +39,8 @@ def serve_page(
 
     token = "" if host == LOCAL else token_urlsafe(16)
     asked = f"?key={key}" if key else f"?{TOKEN}={token}" if token else ""
-    address = f"http://{in_address(host)}:{door.getsockname()[1]}/{asked}"
+    named = f"[{host}]" if ":" in host else host
+    address = f"http://{named}:{door.getsockname()[1]}/{asked}"
     hosts = ["127.0.0.1", "localhost", "[::1]", host] if host == LOCAL else ["*"]
     config = uvicorn.Config(application(hosts, token), log_level="warning", timeout_graceful_shutdown=1)
     click.echo("\n".join([f"{name}: {address}  (Ctrl-C ends)", *notes]))

@@ -13,9 +13,8 @@ import uvicorn
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 from tca_tools.journal.journals import Log, open_log
-from tca_tools.view.app import application
+from tca_tools.view.app import Steering, application
 from tca_tools.view.runs import Runs
-from tca_tools.view.steering import Steering
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SOON = 60_000  # milliseconds: a busy machine reads 100,000 tasks in ten seconds

@@ -14,7 +14,8 @@ from processes import Central, central
 from tools.story import walking
 
 from tca_module import Client, Command, Goal, Module, Task, connect
-from tca_tools.view.steering import Steering, SteeringRequest
+from tca_tools.live.steering import steer
+from tca_tools.view.app import Steering
 from tca_wire.vocabulary import Outcome
 from view.conftest import Look
 
@@ -122,8 +123,8 @@ def test_a_task_is_killed_by_who_says_so_and_has_the_key(look: Look, serve: Serv
     expect(told(page)).to_contain_text("to steer, open the address that 'tca view' printed")
     expect(page.locator("[data-steer]")).to_have_count(0)
     assert other.info() is not None
-    wish = SteeringRequest("", other.id, "cancel", "enough")
-    assert "told to end" in steering.steer(wish, robot.user.status()["epoch"])
+    epoch = robot.user.status()["epoch"]
+    assert "told to end" in steer(robot.daemon.address, epoch, "cancel", other.id, "enough")
 
 
 def read(address: str, what: str) -> bytes:
