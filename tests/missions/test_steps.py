@@ -132,7 +132,7 @@ def test_steps_of_one_run_have_names_of_their_own(trip: Trip) -> None:
         with pytest.raises(MisuseError, match="step 'outer' was begun by this run"):
             mission.step("outer", lambda: mission.step("outer", list))
         for no_name in (cast("str", 3), "\ud800"):
-            with pytest.raises(MisuseError, match="is no name of a step"):
+            with pytest.raises(MisuseError, match="name must be a text that can be sent"):
                 mission.step(no_name, list)
 
 
@@ -210,5 +210,5 @@ def test_a_checkpoint_that_is_no_file_is_an_error(tmp_path: Path) -> None:
             with pytest.raises(MisuseError, match=f"checkpoint {file} can't be opened: {why}: give the path of a file"):
                 Mission("rover", central=central, checkpoint=file).open()
     no_path: Any = 3
-    with pytest.raises(MisuseError, match="checkpoint= must be the path of a file, not 3"):
+    with pytest.raises(MisuseError, match="checkpoint must be the path of a file, or None, not 3"):
         Mission("rover", checkpoint=no_path)

@@ -24,19 +24,15 @@ def model_dot(model: ApplicationModel) -> str:
 def _instances(model: ApplicationModel) -> Iterator[str]:
     numbers = {name: f"i{number}" for number, name in enumerate(model.instances)}
     yield f"subgraph cluster_instances {{ graph [label=<<b>{text(model.name)}</b>>, style=invis];"
-    yield from _boxes(model, numbers)
+    for name, one in model.instances.items():
+        values = [small(f"{field} = {value}") for field, value in one.data.items()]
+        lines = [f"<b>{text(name)}</b>  {small(one.component)}", *values]
+        yield f'{numbers[name]} [style=filled, fillcolor="#e3edf7", label=<{"<br/>".join(lines)}>];'
     yield "}"
     for connection in model.connections:
         (sending, output), (taking, input_) = connection.source, connection.target
         ports = output if output == input_ else f"{output} to {input_}"
         yield f'{numbers[sending]} -> {numbers[taking]} [label=" {ports}"];'
-
-
-def _boxes(model: ApplicationModel, numbers: dict[str, str]) -> Iterator[str]:
-    for name, one in model.instances.items():
-        values = [small(f"{field} = {value}") for field, value in one.data.items()]
-        lines = [f"<b>{text(name)}</b>  {small(one.component)}", *values]
-        yield f'{numbers[name]} [style=filled, fillcolor="#e3edf7", label=<{"<br/>".join(lines)}>];'
 
 
 # --- components ------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from math import isnan
 from typing import Any
 
@@ -11,31 +12,25 @@ Fact = str | bool | int | float
 """The value of a fact."""
 
 
+@dataclass(frozen=True)
 class Situation:
-    """How things are at one moment of a run. It is for reading only."""
+    """How things are at one moment of a run."""
 
-    def __init__(
-        self,
-        state: str = "",
-        facts: Mapping[str, Fact] | None = None,
-        variables: Mapping[str, Any] | None = None,
-        progress: float = 0.0,
-    ) -> None:
-        """*variables*: by name, all those that are watched; the value of one that was never set is None."""
-        self.state = state
-        """The label of the current state."""
-        self.facts = facts or {}
-        """What is known to hold. A fact that an activity is changing just now is absent."""
-        self.progress = progress
-        """Of the current activity, in [0, 1]."""
-        self._variables = variables or {}
+    state: str = ""
+    """The label of the current state."""
+    facts: Mapping[str, Fact] = field(default_factory=dict)
+    """What is known to hold. A fact that an activity is changing just now is absent."""
+    variables: Mapping[str, Any] = field(default_factory=dict)
+    """By name, all those that are watched; the value of one that was never set is None."""
+    progress: float = 0.0
+    """Of the current activity, in [0, 1]."""
 
     def variable(self, variable: Variable[Any], default: Any = None) -> Any:
         """The value of a variable; the default if it was never set. Raises MisuseError if it is not watched."""
-        if variable.name not in self._variables:
+        if variable.name not in self.variables:
             advice = f"give Coordination(..., watch=[...]) the variables that functions read, {variable.name!r} too"
             raise MisuseError(f"{variable.title} is not watched: {advice}")
-        value = self._variables[variable.name]
+        value = self.variables[variable.name]
         return default if value is None else value
 
     def confidence(self, variable: Variable[Any]) -> float | None:

@@ -4,6 +4,7 @@ The exception handler is attached to the coordinator's message, before anybody e
 failing task, of its message and of the coordinator's task, and before those of the root.
 """
 
+from itertools import takewhile
 from typing import Any, NamedTuple
 
 import msgspec
@@ -43,16 +44,12 @@ class FailureNotes:
         return self._noted.pop(task, None)
 
     def _note(self, handling: Task, data: Any) -> None:
-        trouble = handling.trouble
-        above = trouble.failing
-        if trouble.attached is None or above.id == trouble.attached.id:
+        trouble, failing, attached = handling.trouble, handling.trouble.failing, handling.trouble.attached
+        if attached is None or failing.id == attached.id:
             raise trouble.reissue()  # the coordinator's own
-        for task in trouble.failing.ancestors():
-            if task.id == trouble.attached.id:
-                break
-            above = task
+        above = [failing, *takewhile(lambda task: task.id != attached.id, failing.ancestors())][-1]
         self._noted[above.id] = NotedFailure(trouble.failure, trouble.text, data)
-        if above.id == trouble.failing.id:
+        if above is failing:
             trouble.resolved()  # the machine decides what comes of it
         else:
-            above.kill(f"{trouble.failing} failed: {trouble.failure}: {trouble.text.partition(chr(10))[0]}")
+            above.kill(f"{failing} failed: {trouble.failure}: {trouble.text.partition(chr(10))[0]}")

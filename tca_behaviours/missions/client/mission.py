@@ -32,6 +32,8 @@ D = TypeVar("D")
 _PATIENCE = 10.0  # seconds that a mission waits for its server
 _ENDED = 10  # tasks that have ended, and are remembered
 _UPDATED_WITHIN = 10.0  # seconds that a server may take to change parameters
+_CHECKPOINT = checks.instance_of("the path of a file", str | Path).or_none()
+_CONDITION = checks.instance_of("an object with a method is_verified()", MissionCondition)
 
 
 class BaseMission:
@@ -53,8 +55,7 @@ class BaseMission:
         self._name = name or _name_of_program()
         self._goal = MissionGoal(self._name, server or self.SERVER, central, under, stays=leave_running)
         self._catalogue = Catalogue(server or self.SERVER, self._goal)
-        if checkpoint is not None and not isinstance(checkpoint, str | Path):
-            raise MisuseError(f"checkpoint= must be the path of a file, not {checkpoint!r:.60}")
+        check("Mission", _CHECKPOINT, checkpoint=checkpoint)
         self._checkpoint = Path(checkpoint) if checkpoint is not None else None
         self._stopping = Stopping(self._name)
         self._steps: Steps | None = None
@@ -67,8 +68,7 @@ class BaseMission:
         self._interruption: ConditionVerified | MissionTaskFailed | None = None  # with it conditions end a wait
 
     def __enter__(self) -> Self:
-        self.open()
-        return self
+        return self.open()
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         self.close(error)
@@ -361,8 +361,7 @@ class BaseMission:
         """From now on *condition* interrupts whatever the mission waits for, with ConditionVerified. One whose task did
         not complete interrupts with MissionTaskFailed.
         """
-        if not isinstance(condition, MissionCondition):
-            raise MisuseError(f"{condition!r:.60} is no condition: give it a method is_verified()")
+        check("add_condition()", _CONDITION, condition=condition)
         self._conditions.append(condition)
 
     def clear_conditions(self) -> None:

@@ -11,6 +11,7 @@ from tca_behaviours.missions.client.step_file import StepFile, StepLine, TaskBeg
 from tca_behaviours.missions.client.task_handle import TaskHandle
 from tca_behaviours.missions.outcomes import Status, TaskEnd
 from tca_module import MisuseError, TcaError
+from tca_module.checks import TEXT, check
 
 T = TypeVar("T")
 _UNKNOWN = "is unknown to central"
@@ -47,12 +48,12 @@ class Steps:
 
     def skip(self, name: str) -> None:
         """Take a step as done, without a value."""
-        _check_name(name)
+        check("a step", TEXT, name=name)
         self._note(StepLine(name, "done"))
 
     def run(self, name: str, function: Callable[..., T], call: Callable[[], T], *, again: bool) -> T:
         """Do a step by a *call* of the function, unless it was done before: then give its value."""
-        _check_name(name)
+        check("a step", TEXT, name=name)
         last = self._last.get(name)
         if name in self._began_here and last is not None and last.is_ != "left":
             advice = f"give each step its own name, such as f'{name} {{number}}'"
@@ -118,11 +119,6 @@ def _fate(task: TaskHandle | None) -> str:
         return in_words(task.end) if task.end is not None else "is running"
     except TcaError:
         return _UNKNOWN
-
-
-def _check_name(name: object) -> None:
-    if not (isinstance(name, str) and name == name.encode(errors="replace").decode()):
-        raise MisuseError(f"{name!r:.60} is no name of a step: give a text of Unicode characters")
 
 
 def _done(name: str, value: Any, function: Callable[..., Any]) -> StepLine:

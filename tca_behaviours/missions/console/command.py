@@ -7,8 +7,9 @@ import click
 from tca_behaviours.missions.client.mission import Mission
 from tca_behaviours.missions.client.stub import MADE_BY, stub_text
 from tca_behaviours.missions.console.names import ConsoleNames
-from tca_tools.errors import ToolError, extra
+from tca_tools.errors import extra
 from tca_tools.live.shared import as_usage, central_option
+from tca_tools.output import made_for, write_output
 
 _PATIENCE = 2.0  # seconds that a person waits for the server
 
@@ -39,12 +40,8 @@ def console(server: str, central: str | None, stub: Path | None) -> None:
 
 
 def _write(file: Path, text: str) -> None:
-    try:
+    with made_for(file):
         if file.exists() and MADE_BY not in file.read_text(errors="replace"):
             raise click.UsageError(f"{file} was not made by --stub: remove it, or give another name")
-        unfinished = file.with_name(f"{file.name}.part")
-        unfinished.write_text(text)
-        unfinished.replace(file)
-    except OSError as error:
-        raise ToolError(f"{file}: can't be written: {error.strerror}: give another name") from None
+    write_output(file, text)
     click.echo(f"wrote {file}")

@@ -13,6 +13,7 @@ from tca_behaviours.missions.outcomes import (
     Status,
     TaskEnd,
     TaskStatus,
+    status_of,
 )
 from tca_behaviours.missions.serving.definition import Definition, PeriodicTask, ServedTask
 from tca_module import Callback, FailureRaised, Task
@@ -200,7 +201,7 @@ class TaskRun:
     def _terminate_after(self, error: BaseException) -> None:
         """Call ``terminate``, and keep an error of its own beside *error*."""
         self._is_ending = True
-        self.status = Status.TIMEOUT if _is(error, MISSION_TASK_TIMEOUT.name) else Status.FAILED
+        self.status = status_of(error.name) if isinstance(error, FailureRaised) else Status.FAILED
         if self.task.cancelled:
             self.status = Status.INTERRUPTED
         try:
@@ -235,7 +236,3 @@ class TaskRun:
             is_plain = error.name == MISSION_TASK_FAILED.name
             return self._with_text(error.text) if is_plain else self._with_text(str(error))
         return self._with_text(f"{type(error).__name__}: {error}")
-
-
-def _is(error: BaseException, failure: str) -> bool:
-    return isinstance(error, FailureRaised) and error.name == failure
