@@ -374,14 +374,19 @@ class _WaitWalk:
 
     def way_to(self, node: Node) -> list[str]:
         """The waits that lead to a node, in words."""
-        words, way = list[str](), self._ways[node]
-        while way.before is not None:
-            if way.wait is not None and way.wait.kind is not WaitKind.SUBTASK:
-                who = "the handler of " * isinstance(way.wait.record, HandlerWait)
-                who += self._at.describe(way.before.number)
-                words.insert(0, f"{who} waits {in_words(wait_for(self._at, way.wait))}")
-            way = self._ways[way.before]
+        words = list[str]()
+        for before, wait in self._back_from(node):
+            if wait is not None and wait.kind is not WaitKind.SUBTASK:
+                who = "the handler of " * isinstance(wait.record, HandlerWait)
+                who += self._at.describe(before.number)
+                words.insert(0, f"{who} waits {in_words(wait_for(self._at, wait))}")
         return words
+
+    def _back_from(self, node: Node) -> Iterator[tuple[Node, Wait | None]]:
+        """The nodes by which the walk came to one, and their waits, back to the first."""
+        while (way := self._ways[node]).before is not None:
+            yield way.before, way.wait
+            node = way.before
 
     def _come_to(self, node: Node, before: Node, wait: Wait | None) -> None:
         if node not in self._ways:
@@ -406,12 +411,8 @@ class _WaitWalk:
 
     def _handler_wait(self, node: Node) -> HandlerWait | None:
         """The last wait of a handler on the way to a node."""
-        way = self._ways[node]
-        while way.before is not None:
-            if way.wait is not None and isinstance(way.wait.record, HandlerWait):
-                return way.wait.record
-            way = self._ways[way.before]
-        return None
+        records = (wait.record for _, wait in self._back_from(node) if wait is not None)
+        return next((one for one in records if isinstance(one, HandlerWait)), None)
 
     def _end(self, node: Node, wait: Wait) -> None:
         """Note what waits for nothing else: it runs, or stands."""

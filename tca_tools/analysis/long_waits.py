@@ -2,14 +2,13 @@
 
 from bisect import bisect_left
 from collections.abc import Iterator
-from functools import partial
 from heapq import nlargest
 from math import inf, nextafter
 from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
-from tca_tools.explain.keepers import Keepers, parts_in_queue, parts_of_claim
-from tca_tools.explain.wait_words import cut_by_cause, of_claim, of_queueing, wait_for
+from tca_tools.explain.keepers import Keepers
+from tca_tools.explain.wait_words import for_claim, in_queue, of_queueing, wait_for
 from tca_tools.explain.waits import NO_TIME, has_come, of_handler_wait, told_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import HandlerWait, Queueing, Suspension, Task, TaskState
@@ -125,8 +124,7 @@ def _in_queue(run: Run, queueing: Queueing) -> str:
     message = run.messages.get(queueing.message_id)
     if message is None or not queueing.module:
         return in_words(of_queueing(RunAt(run, queueing.start), Keepers(), queueing))
-    parts = parts_in_queue(run, queueing, message)
-    return cut_by_cause(run, parts, partial(of_queueing, queueing=queueing))
+    return in_queue(run, queueing, message)
 
 
 def _why_held(run: Run, task: Task, found: _Found) -> str:
@@ -147,8 +145,7 @@ def handler_wait_in_words(run: Run, wait: HandlerWait) -> str:
     """The wait of a handler or program in words, and whether it was in vain."""
     in_vain, circle = ", in vain" * is_in_vain(run, wait), run.deadlock(wait)
     if (claim := run.claims.get(wait.awaited)) is not None:
-        parts = parts_of_claim(run, wait, claim)
-        return cut_by_cause(run, parts, partial(of_claim, claim=claim)) + in_vain
+        return for_claim(run, wait, claim) + in_vain
     at = RunAt(run, nextafter(wait.until, 0.0))
     text = in_words(wait_for(at, of_handler_wait(run, wait))) + in_vain
     return f"{text}: {circle}" if circle else text

@@ -18,6 +18,8 @@ from tca_wire.waits import WaitKind
 
 _LINKS = 6
 """How many tasks are told of that waited for each other."""
+_STANDING = {Doing.CIRCLE, Doing.DELAY, Doing.SUSPENDED, Doing.QUEUED, Doing.HELD, Doing.LOCKED}
+"""Steps in which nothing was done."""
 
 
 def named(run: Run, number: int) -> str:
@@ -49,7 +51,7 @@ def waited(run: Run, step: PathStep) -> str:
 def why_then(run: Run, step: PathStep) -> str:
     """Why a step did not begin sooner, in words; of one that stands, why it does. "" if nothing is known."""
     message = run.messages.get(step.message_id)
-    if message and step.doing in _WHY and (why := _WHY[step.doing](run, message, step)):
+    if message and step.doing in _STANDING and (why := _why_standing(run, message, step)):
         return why
     if step.resumed:
         who = "sender" if step.doing is Doing.OUTSIDE else "handler"
@@ -139,21 +141,7 @@ def still_handled(run: Run, message_id: int, until: float) -> str:
 def _why_standing(run: Run, message: Message, step: PathStep) -> str:
     """The wait when the journal ends, or the step."""
     at = RunAt(run, nextafter(step.end, 0.0))
+    if step.doing is Doing.CIRCLE:
+        return f"it waits {last_of(at, Ends.at(at).of(message.id)[0])}"
     words = several_in_words(told(at, waits_now(at, message.id)))
     return f"it waits {words}{still_handled(run, message.id, step.end)}" if words else ""
-
-
-def _why_in_circle(run: Run, message: Message, step: PathStep) -> str:
-    at = RunAt(run, nextafter(step.end, 0.0))
-    return f"it waits {last_of(at, Ends.at(at).of(message.id)[0])}"
-
-
-_WHY = {
-    Doing.CIRCLE: _why_in_circle,
-    Doing.DELAY: _why_standing,
-    Doing.SUSPENDED: _why_standing,
-    Doing.QUEUED: _why_standing,
-    Doing.HELD: _why_standing,
-    Doing.LOCKED: _why_standing,
-}
-"""The words for steps in which nothing was done."""

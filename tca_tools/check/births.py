@@ -112,13 +112,20 @@ def _constrain(world: JournalWorld, constraints: list[Constraint]) -> None:
 def timed_out(world: JournalWorld, after: MessageRecord, fact: facts.TimedOut) -> None:
     """A delay is over."""
     constraint = fact.constraint
-    hold = next((hold for hold in after.holds if hold.constraint == constraint and not hold.is_over), None)
+    delays = (hold for hold in after.holds if hold.constraint == constraint)
+    hold = next((hold for hold in delays if not hold.is_over), None)
     if hold is None:
-        if not after.is_stranger:
-            world.broken(DELAY, after, f"got past a delay that it never had, or twice: {constraint}")
-        return
-    hold.is_over = True
-    if hold.due is None and hold.before is not None and not hold.before.is_stranger:
-        world.broken(DELAY, after, f"got past a delay before that began: {constraint}")
-    elif hold.due is not None and world.now < hold.due - ROUNDING:
-        world.broken(DELAY, after, f"got past a delay {hold.due - world.now:.6g} s too early: {constraint}")
+        wrong = "" if after.is_stranger else "that it never had, or twice"
+    else:
+        hold.is_over = True
+        wrong = _too_soon(world, hold)
+    if wrong:
+        world.broken(DELAY, after, f"got past a delay {wrong}: {constraint}")
+
+
+def _too_soon(world: JournalWorld, hold: Hold) -> str:
+    """By how much a delay was over too soon; "" if it was not, or if that is not known."""
+    if hold.due is None:
+        is_known = hold.before is not None and not hold.before.is_stranger
+        return "before that began" if is_known else ""
+    return f"{hold.due - world.now:.6g} s too early" if world.now < hold.due - ROUNDING else ""

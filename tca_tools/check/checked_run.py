@@ -29,8 +29,8 @@ class CheckedRun:
     def __init__(self, wanted: Iterable[Property] = (), history: History | None = None) -> None:
         self.judges = [Judge(one) for one in wanted]
         self.unbroken = list(self.judges)
-        self.messages: dict[str, None] = {}
-        self.modules: dict[str, None] = {}
+        self.messages: set[str] = set()
+        self.modules: set[str] = set()
         self._touched: dict[MessageRecord, None] = {}
         self.violations: list[Violation] = []
         self.world = JournalWorld(self.violations, is_whole=False)
@@ -54,7 +54,7 @@ class CheckedRun:
         for entry in journal:
             run.skip(losses.places - lost)
             if losses.facts > unknown:
-                run.leave_out(entry)
+                run.pass_over(entry, f"at {entry.time:.2f} s something happened that this version does not know")
             else:
                 run.take(entry)
             lost, unknown = losses.places, losses.facts
@@ -76,7 +76,7 @@ class CheckedRun:
     def take(self, entry: facts.Entry) -> None:
         """The next entry. Several of one number are one event."""
         if self._is_shortened(entry):
-            self._pass_over(entry, "")
+            self.pass_over(entry, "")
             return
         if not (self._is_open and entry.number == self.world.event):
             self._end_event()
@@ -112,12 +112,8 @@ class CheckedRun:
         which = f"{places} entries or more" if places > 1 else "an entry, or more,"
         self._begin_anew(f"after {self.world.now:.2f} s {which} can't be read")
 
-    def leave_out(self, entry: facts.Entry) -> None:
-        """The next entry, of which some facts are not known."""
-        self._pass_over(entry, f"at {entry.time:.2f} s something happened that this version does not know")
-
-    def _pass_over(self, entry: facts.Entry, why: str) -> None:
-        """Nothing is claimed of an entry, nor of what was sent before."""
+    def pass_over(self, entry: facts.Entry, why: str) -> None:
+        """The next entry, of which nothing is claimed, nor of what was sent before."""
         is_same = self._is_open and entry.number == self.world.event
         self._end_event()
         if self.history is not None:
@@ -207,11 +203,8 @@ class CheckedRun:
             return
         changed = self._touched | world.touched
         self._touched = world.touched.copy()
-        for item in world.touched:
-            if item.is_new:
-                self.messages[item.message] = None
-        for module in world.joined if world.joined.keys() - self.modules.keys() else ():
-            self.modules[module] = None
+        self.messages.update(item.message for item in world.touched if item.is_new)
+        self.modules.update(world.joined)
         for judge in list(self.unbroken):
             self._ask(judge, partial(judge.after, world, changed), world.events)
 
@@ -235,7 +228,7 @@ class CheckedRun:
     def misnamed(self) -> dict[Property, str]:
         """The properties of what the journal does not know, or does not allow: they would hold whatever happens."""
         world = self.world
-        messages = self.messages.keys() | world.declared.keys()
+        messages = self.messages | world.declared.keys()
         found = {}
         for judge in self.judges:
             for one in judge.stated.predicates:

@@ -55,29 +55,33 @@ def caught(world: JournalWorld, task: MessageRecord, fact: facts.Caught) -> None
     task.recovering = (*task.recovering, handler.id)
     if handler.role is not Role.EXCEPTION or handler.about != task.id:
         world.broken(HANDLER, handler, f"deals with {task}, and was not made for that")
-    _check_attachment(world, task, handler, fact)
+    for wrong in _miscalled(world, task, handler, fact):
+        world.broken(HANDLER, handler, wrong)
 
 
-def _check_attachment(world: JournalWorld, task: MessageRecord, handler: MessageRecord, fact: facts.Caught) -> None:
+def _miscalled(
+    world: JournalWorld, task: MessageRecord, handler: MessageRecord, fact: facts.Caught
+) -> Iterator[str]:  # fmt: skip
+    """What is wrong with a call of an exception handler, by its attachment."""
     attached = world.attached.get(fact.attachment)
     if attached is None:
         if world.is_whole:
-            world.broken(HANDLER, handler, f"was called, and attachment {{{fact.attachment}}} is not there")
+            yield f"was called, and attachment {{{fact.attachment}}} is not there"
         return
     at = next((one for one in _lineage(task) if one.id == fact.at), None)
     name = world.name(fact.at) if fact.at else "the root"
     if at is None and fact.at != ROOT:
         if not task.is_orphan:
-            world.broken(HANDLER, handler, f"was called at {name}, which is not above {task}")
+            yield f"was called at {name}, which is not above {task}"
         return
     is_here = at is not None and at.message == attached.message if attached.message else attached.task == fact.at
     if not is_here or handler.message != attached.handler:
         whose = attached.message or world.name(attached.task)
-        world.broken(HANDLER, handler, f"was called at {name}: {attached.handler} is attached to {whose}")
-    calls = at.invocations if at is not None else world.invocations_at_root
-    calls[fact.attachment] = number = calls.get(fact.attachment, 0) + 1
+        yield f"was called at {name}: {attached.handler} is attached to {whose}"
+    world.invocations[fact.at, fact.attachment] += 1
+    number = world.invocations[fact.at, fact.attachment]
     if 0 < attached.maximum < number:
-        world.broken(HANDLER, handler, f"is call {number} at {name}, and {attached.maximum} are allowed")
+        yield f"is call {number} at {name}, and {attached.maximum} are allowed"
 
 
 def _lineage(task: MessageRecord) -> Iterator[MessageRecord]:

@@ -207,8 +207,7 @@ def dropped(world: JournalWorld, fact: facts.Dropped) -> None:
         return
     if item.is_task:
         world.broken(rules.KILLED, item, "was dropped: a task is killed instead")
-    if item.is_dropped or item.is_answered:
-        world.broken(rules.ANSWERED, item, "was dropped after its sender had got an answer, or given up")
+    _must_be_open(world, item, "was dropped")
     item.is_dropped = True
     _leave_queue(world, item)
     if not item.message_class.has_reply or item.original is not None:
@@ -234,8 +233,13 @@ def answered(world: JournalWorld, item: MessageRecord, _: facts.Answered) -> Non
 
 def awaited(world: JournalWorld, item: MessageRecord, _: facts.Awaited) -> None:
     """The sender of a query begins to wait; the answer must still be to come."""
+    _must_be_open(world, item, "was waited for")
+
+
+def _must_be_open(world: JournalWorld, item: MessageRecord, what: str) -> None:
     if item.is_answered or item.is_dropped:
-        world.broken(rules.ANSWERED, item, "was waited for after its sender had got an answer, or given up")
+        what = f"{what} after its sender had got an answer, or given up"
+        world.broken(rules.ANSWERED, item, what)
 
 
 def _must_answer(world: JournalWorld, item: MessageRecord) -> None:

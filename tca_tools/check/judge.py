@@ -90,7 +90,7 @@ class Matches:
 
     def __init__(self, predicates: Iterable[Predicate]) -> None:
         self._matches: dict[int, _Match] = {
-            id(one): _OfMessages(one) if isinstance(one, OfMessages) else _OfFunction(one) for one in predicates
+            id(one): _OfMessages(one) if isinstance(one, OfMessages) else _Match(one) for one in predicates
         }
         self._world: JournalWorld | None = None
         self.passed = 0.0
@@ -117,7 +117,7 @@ class Matches:
 
 
 class _Match:
-    """The matches of one predicate."""
+    """The matches of one predicate: of a function, which is asked anew after each event."""
 
     has_subject = True
 
@@ -128,6 +128,18 @@ class _Match:
 
     def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
         """An event is over."""
+        del changed
+        value = self._predicate(world)
+        self.found = self.newly = Found.of(value)
+        messages = self.found.messages
+        if messages is None and (value is None or isinstance(value, bool)):
+            return
+        if messages is None or not all(hasattr(one, "id") for one in messages):
+            msg = f"it gave {value!r:.60}: a predicate gives the messages of which it is true, or True or False"
+            raise TypeError(msg)
+        before, self.now = {one.id for one in self.now}, dict.fromkeys(messages)
+        came = [one for one in messages if one.id not in before]
+        self.newly = Found(bool(came), came)
 
 
 class _OfMessages(_Match):
@@ -151,19 +163,3 @@ class _OfMessages(_Match):
         is_about = self._predicate.is_about(item)
         self.has_subject = self.has_subject or is_about
         return bool(is_about and is_in_state)
-
-
-class _OfFunction(_Match):
-    def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
-        del changed
-        value = self._predicate(world)
-        self.found = self.newly = Found.of(value)
-        messages = self.found.messages
-        if messages is None and (value is None or isinstance(value, bool)):
-            return
-        if messages is None or not all(hasattr(one, "id") for one in messages):
-            msg = f"it gave {value!r:.60}: a predicate gives the messages of which it is true, or True or False"
-            raise TypeError(msg)
-        before, self.now = {one.id for one in self.now}, dict.fromkeys(messages)
-        came = [one for one in messages if one.id not in before]
-        self.newly = Found(bool(came), came)

@@ -1,5 +1,7 @@
 """The states of tasks, held against the tables of their life cycles."""
 
+from collections.abc import Iterator
+
 from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import LIFE
 from tca_tools.check.world import JournalWorld
@@ -55,32 +57,39 @@ def changed(world: JournalWorld, task: MessageRecord, fact: facts.StateChanged) 
         task.state, task.serial = fact.state, fact.serial
         return
     cycle = _cycle(world, task)
-    before = task.state
-    step = _step(cycle, task, before, fact)
+    step = _step(cycle, task, fact)
+    for wrong in _mistaken(cycle, task, fact, step):
+        world.broken(LIFE, task, wrong)
+    _follow(task, fact, step)
+
+
+def _mistaken(
+    cycle: LifeCycle, task: MessageRecord, fact: facts.StateChanged, step: Transition | None
+) -> Iterator[str]:  # fmt: skip
+    """What is wrong with a transition, which its table has as a *step*, if it has it."""
     if step is None:
-        others = [one for (state, name), one in cycle.steps.items() if (state, name) == (before, fact.transition)]
-        whose = f", which is the {others[0].by}'s" if others else f": {cycle} has no such transition"
-        world.broken(LIFE, task, f"was {before}, and a {fact.by} took '{fact.transition}'{whose}")
-    elif fact.state != (before if step.effect is Effect.STOP else step.target):
-        world.broken(LIFE, task, f"is {fact.state} after '{fact.transition}', which leads to {step.target}")
+        other = cycle.steps.get((task.state, fact.transition))
+        whose = f", which is the {other.by}'s" if other else f": {cycle} has no such transition"
+        yield f"was {task.state}, and a {fact.by} took '{fact.transition}'{whose}"
+    elif fact.state != (task.state if step.effect is Effect.STOP else step.target):
+        yield f"is {fact.state} after '{fact.transition}', which leads to {step.target}"
     due = task.serial + (step is None or step.effect is not Effect.STOP)
     if fact.serial != due:
-        world.broken(LIFE, task, f"changed its state for time {fact.serial}, and it was time {due}")
-    _follow(task, before, fact, step)
+        yield f"changed its state for time {fact.serial}, and it was time {due}"
 
 
-def _step(cycle: LifeCycle, task: MessageRecord, before: str, fact: facts.StateChanged) -> Transition | None:
+def _step(cycle: LifeCycle, task: MessageRecord, fact: facts.StateChanged) -> Transition | None:
     """The row of the table: central may take those of both, and a server may have taken its own before it knew what
     clients ask for.
     """
     parties = (Party.CLIENT, Party.SERVER) if fact.by is Party.CENTRAL else (fact.by,)
-    sources = [before, *task.overtaken] if fact.by is Party.SERVER else [before]
+    sources = [task.state, *task.overtaken] if fact.by is Party.SERVER else [task.state]
     found = (cycle.step(source, fact.transition, party) for source in sources for party in parties)
     return next((one for one in found if one is not None), None)
 
 
-def _follow(task: MessageRecord, before: str, fact: facts.StateChanged, step: Transition | None) -> None:
-    task.state, task.serial = fact.state, fact.serial
+def _follow(task: MessageRecord, fact: facts.StateChanged, step: Transition | None) -> None:
+    before, task.state, task.serial = task.state, fact.state, fact.serial
     effect = step.effect if step is not None else Effect.NONE
     if effect is Effect.NEW_GOAL:
         task.wanted = fact.body

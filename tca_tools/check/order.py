@@ -4,8 +4,6 @@ A moment that comes in spite of these is too early; one that does not come witho
 """
 
 from collections.abc import Iterator
-from functools import reduce
-from operator import or_
 
 from tca_tools.check import rules
 from tca_tools.check.records import Hold, MessageRecord
@@ -30,7 +28,11 @@ _ENDS = (END_HANDLING, END_PLANNING, END_ACHIEVING)
 
 
 def _needed(of: TaskRules, moments: int) -> int:
-    return reduce(or_, [of.no_later[moment] | of.at_birth for moment in of.no_later if moments & moment], 0)
+    needed = 0
+    for moment, before in of.no_later.items():
+        if moments & moment:
+            needed |= before | of.at_birth
+    return needed
 
 
 _NEEDED = [[_needed(of, moments) for moments in range(ALL_MOMENTS + 1)] for of in (NO_GOAL, GOAL)]
@@ -115,8 +117,10 @@ def _first_below(item: MessageRecord, moments: int) -> MessageRecord | None:
     """A task under it that must come first."""
     if moments & END_ACHIEVING:
         return next(iter(item.children.values()))
-    goals = item.children.values() if moments & END_PLANNING and item.is_goal and item.unplanned else ()
-    return next((child for child in goals if child.is_goal and not child.reached & END_PLANNING), None)
+    if not (moments & END_PLANNING and item.is_goal and item.unplanned):
+        return None
+    goals = (child for child in item.children.values() if child.is_goal)
+    return next((goal for goal in goals if not goal.reached & END_PLANNING), None)
 
 
 def not_met(item: MessageRecord, moments: int) -> str:

@@ -5,13 +5,7 @@ from tca_tools.check.rules import KEPT, MONITOR, TAPPED
 from tca_tools.check.world import JournalWorld
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
-from tca_wire.points import (
-    ROOT,
-    START_HANDLING,
-    Moment,
-    Point,
-    TaskId,
-)
+from tca_wire.points import ROOT, START_HANDLING, Moment, Point, TaskId
 from tca_wire.rules import CONDITIONS
 from tca_wire.vocabulary import CENTRAL, Role
 

@@ -34,13 +34,8 @@ class Keepers(NamedTuple):
         return self.claim is others.claim and runs == [id(one) for one in others.runs]
 
 
-class WaitPart(NamedTuple):
-    """A part of a wait in which the keepers were the same."""
-
-    start: float
-    end: float
-    """inf: it goes on."""
-    by: Keepers
+WaitPart = tuple[float, float, Keepers]
+"""From when until when (inf: it goes on) the keepers were the same, and these."""
 
 
 def kept_out(at: RunAt, module: str, resource: str, message: Message | TaskAt) -> Keepers:
@@ -181,7 +176,5 @@ def _parts(
         by = keepers(RunAt(run, stop))
         if not found or not by.are(found[-1][1]):
             found.append((stop if found else start, by))
-    parts = []
-    for (since, by), (until, _) in pairwise([*found, (end, Keepers())]):
-        parts.append(WaitPart(since, until, by))
-    return parts
+    ends = [*(since for since, _ in found[1:]), end]
+    return [(since, until, by) for (since, by), until in zip(found, ends, strict=True)]

@@ -2,24 +2,13 @@
 
 from bisect import bisect_left
 from collections.abc import Iterator
-from functools import partial
 from itertools import groupby, pairwise
 from math import inf, nextafter
 from operator import attrgetter
 from typing import NamedTuple
 
 from tca_tools.explain.deciding import calls, decisions, passed_on, retried
-from tca_tools.explain.keepers import parts_in_queue, parts_of_claim
-from tca_tools.explain.wait_words import (
-    cut_by_cause,
-    of_ahead,
-    of_claim,
-    of_query,
-    of_queueing,
-    suspended,
-    told,
-    wait_for,
-)
+from tca_tools.explain.wait_words import for_claim, in_queue, of_ahead, of_query, suspended, told, wait_for
 from tca_tools.explain.waits import NO_TIME, Wait, of_handler_wait, told_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.coordinators import agent_task
@@ -264,8 +253,7 @@ def _waits_in_queues(run: Run, message: Message, moment: float) -> Sentences:
         told = "no module handles it"
         if queueing.module:
             until = moment if queueing.start <= moment else inf
-            parts = parts_in_queue(run, queueing, message)
-            told = f"queued {cut_by_cause(run, parts, partial(of_queueing, queueing=queueing), until)}"
+            told = f"queued {in_queue(run, queueing, message, until)}"
         yield _lasting(queueing.start, queueing.until, told)
 
 
@@ -287,8 +275,7 @@ def _claim(at: RunAt, wait: HandlerWait, claim: Claim) -> Sentences:
     """A lock that a handler waits for, and has."""
     if claim.granted != wait.start:
         until = at.moment if wait.start <= at.moment else inf
-        parts = parts_of_claim(at.run, wait, claim)
-        told = cut_by_cause(at.run, parts, partial(of_claim, claim=claim), until)
+        told = for_claim(at.run, wait, claim, until)
         yield _lasting(wait.start, wait.until, f"its handler waits {told}")
     if claim.granted is not None:
         yield _lasting(claim.granted, claim.until, f"its handler has the {claim}")

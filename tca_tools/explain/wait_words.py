@@ -6,12 +6,12 @@ clauses of what a task waits for now, ``in_the_end`` is what they lead to, ``com
 
 from collections.abc import Callable, Iterable
 from math import inf
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from msgspec.structs import replace
 
 from tca_tools.explain.graph import End, Ends, keepers_of, next_node, steps, waits_now
-from tca_tools.explain.keepers import Keepers, WaitPart, kept_out
+from tca_tools.explain.keepers import Keepers, WaitPart, kept_out, parts_in_queue, parts_of_claim
 from tca_tools.explain.waits import Wait
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.records import (
@@ -34,6 +34,8 @@ from tca_wire.text.waits_in_words import causes_in_words, clauses, not_answered,
 from tca_wire.vocabulary import Scope
 from tca_wire.waits import NAMED, WaitFor, WaitKind, first_ones
 from tca_wire.waits.ends import MOST
+
+_T = TypeVar("_T")
 
 
 class Age(NamedTuple):
@@ -148,11 +150,20 @@ def of_queueing(at: RunAt, by: Keepers, queueing: Queueing) -> WaitFor:
     return WaitFor(WaitKind.RESOURCE, module=module, resource=resource, because=because)
 
 
-def cut_by_cause(
-    run: Run, parts: Iterable[WaitPart], made: Callable[[RunAt, Keepers], WaitFor], until: float = inf
-) -> str:
-    """A wait in words, with each cause that it had by then, and how long: *made* makes a part of it of its cause."""
-    known = [(made(RunAt(run, start), by), min(end, until, run.time) - start)
+def in_queue(run: Run, queueing: Queueing, message: Message, until: float = inf) -> str:
+    """A stay in a queue in words, cut by the causes that it had by then."""
+    return _by_cause(run, parts_in_queue(run, queueing, message), of_queueing, queueing, until)
+
+
+def for_claim(run: Run, wait: HandlerWait, claim: Claim, until: float = inf) -> str:
+    """The wait for a lock or reservation in words, cut by the causes that it had by then."""
+    return _by_cause(run, parts_of_claim(run, wait, claim), of_claim, claim, until)
+
+
+def _by_cause(
+    run: Run, parts: list[WaitPart], made: Callable[[RunAt, Keepers, _T], WaitFor], record: _T, until: float
+) -> str:  # fmt: skip
+    known = [(made(RunAt(run, start), by, record), min(end, until, run.time) - start)
              for start, end, by in parts if start <= until]  # fmt: skip
     return causes_in_words(known)
 

@@ -25,20 +25,17 @@ from tca_tools.journal.records import (
     Raised,
     Task,
     added,
+    first_moment,
 )
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
 from tca_wire.journal.fact import MonitorFact, TaskFact
 from tca_wire.journal.takers import takers
-from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, MOMENTS, ROOT, Moment
+from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, ROOT, Moment
 from tca_wire.text.facts_in_words import called
 from tca_wire.vocabulary import Dropping, Outcome, Role
 from tca_wire.waits import WaitKind
-
-_MOMENT_OF = {int(moment): moment for moment in MOMENTS}
-"""By plain bits, since combining members of an IntFlag costs a microsecond each."""
-
 
 _LARGE = 100_000
 """Entries."""
@@ -171,15 +168,8 @@ class History(RecordFold):
     def _received(self, fact: facts.Received) -> None:
         if fact.id <= 0 or fact.id in self.messages:
             return
-        known = (
-            fact.id,
-            intern(fact.message),
-            fact.message_class,
-            intern(fact.sender),
-            fact.origin,
-            self.time,
-            fact.body,
-        )
+        name, sender = intern(fact.message), intern(fact.sender)
+        known = fact.id, name, fact.message_class, sender, fact.origin, self.time, fact.body
         by = self._deliveries.get(fact.origin)
         by = by if by is not None and by.message_id < fact.id else None  # whoever sends is older than what he sends
         if fact.message_class.is_task:
@@ -193,7 +183,7 @@ class History(RecordFold):
             by.asked = by.asked or []
             by.asked.append(self.messages[fact.id])
         if fact.blocking and not fact.message_class.is_task:
-            self._reply_waits[fact.id] = self._wait(HandlerWait(fact.id, self.time), fact.sender, fact.origin)
+            self._await_reply(self.messages[fact.id])
 
     def _constrained(self, fact: facts.Constrained) -> None:
         self._constrain(fact.constraints)
@@ -380,10 +370,14 @@ class History(RecordFold):
         """Whoever asked has gone on until now."""
         message = self.messages.get(fact.id)
         if message is not None and message.answered is None and fact.id not in self._reply_waits:
-            self._reply_waits[fact.id] = self._wait(HandlerWait(fact.id, self.time), message.sender, message.origin)
+            self._await_reply(message)
+
+    def _await_reply(self, query: Message) -> None:
+        wait = HandlerWait(query.id, self.time)
+        self._reply_waits[query.id] = self._wait(wait, query.sender, query.origin)
 
     def _wait_began(self, fact: facts.WaitBegan) -> None:
-        moment = next((moment for bit, moment in _MOMENT_OF.items() if fact.moment & bit), None)
+        moment = first_moment(fact.moment)
         if fact.awaits is WaitKind.CHANGE and fact.task:
             moment = Moment.END_ACHIEVING  # the last change
         begun = HandlerWait(fact.task, self.time, moment, kind=fact.awaits, name=fact.name)

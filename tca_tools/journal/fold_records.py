@@ -24,6 +24,7 @@ from tca_tools.journal.records import (
     Suspension,
     Task,
     added,
+    first_moment,
 )
 from tca_tools.journal.whole_run import UNKNOWN, Run
 from tca_wire.constraints import Constraint
@@ -291,8 +292,8 @@ class RecordFold(Run):
 
     def _deadline(self, fact: facts.DeadlineSet) -> None:
         if (task := self.tasks.get(fact.task)) is not None:
-            moment = next((moment for moment in Moment if fact.moment & moment), None)
-            self.ahead.setdefault(task.id, []).append(EventAhead(self.time, fact.seconds, moment))
+            ahead = EventAhead(self.time, fact.seconds, first_moment(fact.moment))
+            self.ahead.setdefault(task.id, []).append(ahead)
 
     def _kill_planned(self, fact: facts.KillPlanned) -> None:
         if fact.task in self.tasks:

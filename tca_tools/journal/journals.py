@@ -136,24 +136,23 @@ class Losses:
     @property
     def lines(self) -> list[str]:
         """All of it in words."""
-        found = [self._later, self._of_entries(), self._of_facts()]
+        entry, entries = "a damaged entry", f"{self.entries} damaged entries"
+        if not self._is_counted:
+            entry, entries = "at least one entry, damaged or missing,", f"at least {entries}"
+        unknown = "that this version does not know"
+        found = [
+            self._later,
+            _left_out(self._first_entry, self.entries, entry, entries),
+            _left_out(self._first_fact, self.facts, f"a fact {unknown}", f"{self.facts} facts {unknown}"),
+        ]
         return [*filter(None, found), *(f"{end}; what comes behind it in that file is left out" for end in self.ends)]
 
-    def _of_entries(self) -> str:
-        if not self.entries:
-            return ""
-        most = "" if self._is_counted else "at least "
-        what = "a damaged entry is" if self.entries == 1 else f"{most}{self.entries} damaged entries are"
-        if not self._is_counted and self.entries == 1:
-            what = "at least one entry, damaged or missing, is"
-        return f"{self._first_entry}: {what} left out{', the first of them here' * (self.entries > 1)}: {_SINCE}"
 
-    def _of_facts(self) -> str:
-        if not self.facts:
-            return ""
-        what = "a fact that this version does not know is" if self.facts == 1 else f"{self.facts} facts are"
-        first = ", the first of them here, that this version does not know" * (self.facts > 1)
-        return f"{self._first_fact}: {what} left out{first}: {_SINCE}"
+def _left_out(first: str, number: int, one: str, several: str) -> str:
+    if not number:
+        return ""
+    what = f"{one} is left out" if number == 1 else f"{several} are left out, the first of them here"
+    return f"{first}: {what}: {_SINCE}"
 
 
 class EntryPlace(NamedTuple):
@@ -306,17 +305,19 @@ class Log:
     @property
     def remarks(self) -> list[str]:
         """Remarks, a line each: other runs or missing segments in the folder, losses, and what follows in a file."""
-        folder = [*self._folder.others, *self._folder.missing] if self._folder is not None else []
-        return [*folder, *self.losses.lines, *filter(None, [self._shortened, self._followed_by])]
+        also = filter(None, [self._shortened, self._followed_by])
+        return [*self._of_folder(), *self.losses.lines, *also]
+
+    def _of_folder(self, *, of_missing: bool = True) -> list[str]:
+        folder = self._folder
+        return [] if folder is None else [*folder.others, *(folder.missing if of_missing else ())]
 
     def tell(self, *, of_missing: bool = True) -> None:
         """Say on the standard error what there is to say of the folder (*of_missing*: of segments that are missing,
         too); nothing is said twice.
         """
-        folder = self._folder
-        if folder is not None:
-            for remark in [*folder.others, *(folder.missing if of_missing else ())]:
-                self._say(remark)
+        for remark in self._of_folder(of_missing=of_missing):
+            self._say(remark)
 
     def check(self, *, of_missing: bool = True) -> None:
         """Raise DamagedLog if reading stopped early, with the one line that says where and why; ``tell`` the rest.

@@ -94,6 +94,11 @@ def added(some: Sequence[_T], one: _T) -> Sequence[_T]:
     return some
 
 
+def first_moment(moments: int) -> Moment | None:
+    """The first of a set of moments; None if it is empty."""
+    return next((MOMENTS[place - 1] for place in PLACES_OF[moments & ALL_MOMENTS]), None)
+
+
 def going_on(spans: Sequence[_Span], time: float) -> _Span | None:
     """Of spans one after the other, the one that went on at a time."""
     begun = bisect_right(spans, time, key=_START) if spans else 0

@@ -44,7 +44,7 @@ class Folder:
         self._look_into(paths)
         before = self._numbered_before()
         by_number: dict[tuple[float, str], Path] = {}
-        for path in sorted(paths, key=_is_copy):
+        for path in sorted(paths, key=lambda path: not path.stem.isdecimal()):  # copies last: central names by number
             opening = self._openings.get(path)
             if opening is None:
                 if _number_in(path) > before:
@@ -184,11 +184,6 @@ def _nearest(known: list[tuple[float, str]], path: Path) -> str:
 def _number_in(path: Path) -> float:
     """Which segment its name says that it is; those that do not say are the last."""
     return int(path.stem) if path.stem.isdecimal() else float("inf")
-
-
-def _is_copy(path: Path) -> tuple[bool, str]:
-    """Those with names that central gives come first."""
-    return not path.stem.isdecimal(), path.name
 
 
 def _names(paths: list[Path]) -> str:

@@ -132,14 +132,11 @@ def part_of(
 
 def subtree(run: Run, roots: Iterable[TaskId]) -> set[int]:
     """The tasks at and under *roots*."""
-    found = dict.fromkeys(map(int, roots))
-    below = list(found)
-    for number in below:  # grows while it is walked
-        for child in run.tasks[number].children:
-            if child not in found:
-                found[child] = None
-                below.append(child)
-    return set(found)
+    found: set[int] = set()
+    for root in sorted(roots):  # what is above has the smaller number
+        if root not in found:
+            found.update(task.id for task in run.under(run.tasks[root]))
+    return found
 
 
 def messages_of(run: Run, tasks: Iterable[int]) -> set[int]:

@@ -180,7 +180,10 @@ def test_of_a_journal_of_a_later_version_what_is_known_is_shown_and_it_is_said(t
     assert numbers(log) == [1, 2]
     assert log.losses.facts == 3
     versions = rf"later version \({JOURNAL_VERSION + 1}; this one reads up to {JOURNAL_VERSION}\)"
-    said = versions + r", .*: upgrade tca; .*, byte \d+, after 0.000 s: 3 facts are left out"
+    said = (
+        versions
+        + r", .*: upgrade tca; .*, byte \d+, after 0.000 s: 3 facts that this version does not know are left out"
+    )
     with pytest.raises(DamagedLog, match=said):
         log.check()
 

@@ -1,7 +1,5 @@
 """A module that observes the states of all tasks: what it was told must be so, and it must miss no change."""
 
-from typing import NamedTuple
-
 import msgspec
 
 from tca_tools.check.world import JournalWorld
@@ -9,19 +7,11 @@ from tca_wire.packets.headers import Answer
 from tca_wire.packets.parts import StateChange
 
 
-class Told(NamedTuple):
-    """What the observer knows of a task."""
-
-    serial: int
-    state: str
-    goal: bytes
-
-
 class Observer:
     """What an observer was told."""
 
     def __init__(self) -> None:
-        self._told: dict[int, Told] = {}
+        self._told: dict[int, StateChange] = {}  #: the newest of each task
         self._missed = ""
 
     def hear(self, header: object, body: bytes) -> None:
@@ -33,7 +23,7 @@ class Observer:
         expected = known.serial + 1 if known is not None else 0
         if change.serial != expected:
             self._missed = f"change {change.serial} of task {change.task} was told where {expected} comes next"
-        self._told[change.task] = Told(change.serial, change.state, change.goal)
+        self._told[change.task] = change
 
     def breach(self, world: JournalWorld) -> str:
         """The error in what the observer knows; "" if there is none."""

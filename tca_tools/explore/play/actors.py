@@ -1,6 +1,7 @@
 """The scripts under way in a run (actors), the connections that they act on (lines), and the runs of modules."""
 
 from collections import deque
+from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import Any
 
@@ -17,16 +18,15 @@ from tca_wire.packets.headers import Lock
 from tca_wire.points import TaskId
 
 
+@dataclass(eq=False)
 class OpenRequest:
     """A request of a script that wants an answer: the answers that it has not read."""
 
-    def __init__(self, number: RequestNumber, header: Any) -> None:
-        self.number = number
-        self.header = header
-        self.wants_answer = True
-        self.unread: deque[steps.Got] = deque()
-        self.is_over = False  #: nothing more comes
-        self.taken = ""  #: of a lock that was granted: how it was lost
+    number: RequestNumber
+    header: Any
+    unread: deque[steps.Got] = field(default_factory=deque)
+    is_over: bool = False  #: nothing more comes
+    taken: str = ""  #: of a lock that was granted: how it was lost
 
 
 class Actor:
@@ -73,15 +73,19 @@ class Actor:
         """Whether it waits no longer for an answer because its task was killed, or its module ends: once for each, as
         Connection.wait has it.
         """
-        if not (request.wants_answer and isinstance(request.header, WAITS_FOR_OTHERS)):
+        if not isinstance(request.header, WAITS_FOR_OTHERS):
             return False
         if self._is_woken_by_kill:
             return not request.unread or request.unread[0].is_void
-        return self.is_ending and not self.knows_end and not request.unread
+        return self._is_woken_by_end and not request.unread
 
     @property
     def _is_woken_by_kill(self) -> bool:
         return self.is_told and not self.knows
+
+    @property
+    def _is_woken_by_end(self) -> bool:
+        return self.is_ending and not self.knows_end
 
     def wish(self, got: steps.Got) -> None:
         """A client wants something of its task."""
@@ -93,8 +97,8 @@ class Actor:
         """It waits no longer for what clients want: its task was killed, or its module ends; once for each. Where it
         owes its reply, that has failed when its module ends.
         """
-        by_kill, by_end = self.is_told and not self.knows, self.is_ending and not self.knows_end
-        if isinstance(self.step, steps.ReadWish) and (by_kill or by_end):
+        by_kill = self._is_woken_by_kill
+        if isinstance(self.step, steps.ReadWish) and (by_kill or self._is_woken_by_end):
             self.learn()
             self.get(steps.Got(self.step.kind, is_woken=True, module_ends=not by_kill))
         elif isinstance(self.step, steps.Owe) and self.is_ending:
@@ -172,15 +176,15 @@ class Actor:
         return steps.known(self.known.index(task))
 
 
+@dataclass(eq=False)
 class ModuleLine:
     """A connection of a module's run to central, and what is being done on it."""
 
-    def __init__(self, name: str, run: "ModuleRun") -> None:
-        self.name = name
-        self.run = run
-        self.stack: list[Actor] = []  #: each began while the one before it waited
-        self.delivered: deque[Actor] = deque()  #: not begun yet
-        self.inbox: SlotInbox | None = None  #: of a slot that may have messages ahead
+    name: str
+    run: "ModuleRun"
+    stack: list[Actor] = field(default_factory=list)  #: each began while the one before it waited
+    delivered: deque[Actor] = field(default_factory=deque)  #: not begun yet
+    inbox: SlotInbox | None = None  #: of a slot that may have messages ahead
 
     @property
     def actors(self) -> list[Actor]:
@@ -226,19 +230,15 @@ class ModuleRun:
 
     @property
     def is_joined(self) -> bool:
-        """Whether all its connections have been there."""
-        return self.steps_joined == self.steps_to_join
+        """Whether it has said hello; and, where it handles anything, what, and has said hello for each slot."""
+        is_serving = self.module.formats or self.module.first
+        return self.steps_joined == (2 + len(self.module.slots) if is_serving else 1)
 
     @property
     def is_starting(self) -> bool:
         """Whether it does what it does before it handles anything."""
         is_first = self.steps_joined == 1 and self.is_alive and not self.is_joined
         return is_first and bool(self.first or self.lines[0].actors)
-
-    @property
-    def steps_to_join(self) -> int:
-        """Saying hello; and, where it handles anything, saying what, and a hello for each slot."""
-        return 2 + len(self.module.slots) if self.module.formats or self.module.first else 1
 
     def may_say_goodbye(self) -> list[ModuleLine]:
         """Those of its lines that may end now because it leaves: what does nothing, its own line last."""

@@ -274,28 +274,26 @@ class Exchange:
     def _get_delivery(self, line: ModuleLine, header: headers.Deliver, body: bytes) -> None:
         program = line.run.module.handlers[header.message]
         accepts = any(one.accepts for one in line.run.module.formats if one.message == header.message)
-        actor = Actor(program, steps.Given(body, bool(header.task), accepts), header.delivery, header.task)
+        given = steps.Given(body, bool(header.task), accepts)
+        actor = Actor(program, given, header.delivery, header.task)
         context = renamed(header.context, actor.name)
-        actor.life = program.beginning(steps.Given(body, bool(header.task), accepts, context))
+        actor.life = program.beginning(replace(given, context=context))
         actor.suspended = (header.suspended,)
         if line.run.is_leaving:
             actor.be_told(module_ends=True)
         line.delivered.append(actor)
 
     def _get_accepted(self, line: ModuleLine, header: headers.Accepted, _: bytes) -> None:
-        for actor in line.actors:
-            if header.number and actor.number == header.number and isinstance(actor.step, steps.Ask):
-                is_change = isinstance(actor.step.header, ChangeState)  # its answer is a number of changes
-                made = TaskId(bool(header.id)) if is_change else actor.name(header.id)
-                actor.get(steps.Got(actor.step.kind, id=made))
+        if (actor := _asking(line, header.number)) is not None and isinstance(actor.step, steps.Ask):
+            is_change = isinstance(actor.step.header, ChangeState)  # its answer is a number of changes
+            made = TaskId(bool(header.id)) if is_change else actor.name(header.id)
+            actor.get(steps.Got(actor.step.kind, id=made))
         self._answer(line, header.number, steps.Got(_AWAITED, id=TaskId(0)))
 
     def _get_refused(self, line: ModuleLine, header: headers.Refused, _: bytes) -> None:
-        for actor in line.actors:
-            if header.number and actor.number == header.number and isinstance(actor.step, steps.Ask):
-                actor.get(steps.Got(actor.step.kind, header.refusal, header.text))
-                return
-        if not self._answer(line, header.number, steps.Got(_AWAITED, header.refusal, header.text)) and header.number:
+        if (actor := _asking(line, header.number)) is not None and actor.step is not None:
+            actor.get(steps.Got(actor.step.kind, header.refusal, header.text))
+        elif not self._answer(line, header.number, steps.Got(_AWAITED, header.refusal, header.text)) and header.number:
             raise ScenarioError(f"{line.run.name}: {header.text}")
 
     def _get_answer(self, line: ModuleLine, header: headers.Answer, body: bytes) -> None:
@@ -323,6 +321,11 @@ class Exchange:
     def _get_suspended(self, line: ModuleLine, header: headers.Suspended, _: bytes) -> None:
         for actor in _handlers(line, header.delivery):
             actor.suspended = (*actor.suspended, header.is_suspended)
+
+
+def _asking(line: ModuleLine, number: int) -> Actor | None:
+    """The actor that waits for central's word of a request of that number."""
+    return next((actor for actor in line.actors if number and actor.number == number), None)
 
 
 def _handlers(line: ModuleLine, delivery: int) -> list[Actor]:

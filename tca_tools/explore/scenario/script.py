@@ -57,7 +57,8 @@ class _Choices:
         """One of these: each is explored."""
         if not alternatives:
             self._explored.end(ScenarioError("choose() has nothing to choose from: give it the alternatives"))
-        return alternatives[self._explored.decide(CHOOSE, [_without_address(str(one)) for one in alternatives])]
+        words = [re.sub(r" at 0x[0-9a-f]+", "", str(one)) for one in alternatives]  # memory differs from run to run
+        return alternatives[self._explored.decide(CHOOSE, words)]
 
     def hang(self) -> NoReturn:
         """Never go on, and never return."""
@@ -229,11 +230,6 @@ def _end(header: headers.Reply | headers.Fail, body: bytes) -> steps.Return | st
     if isinstance(header, headers.Reply):
         return steps.Return(body)
     return steps.Fail(header.failure, header.text, body, (*header.kinds,), header.reissue)
-
-
-def _without_address(words: str) -> str:
-    """Words for an object without where it is in memory."""
-    return re.sub(r" at 0x[0-9a-f]+", "", words)
 
 
 def _described(error: BaseException) -> str:

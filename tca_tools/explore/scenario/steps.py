@@ -4,6 +4,7 @@ Tasks are named by their place in the script, not by central's ids, so that what
 but its data and what it got: ``OWN`` is the task that it handles, ``known(0)`` the first other one that it heard of.
 """
 
+from dataclasses import dataclass, field
 from typing import Any
 from zlib import crc32
 
@@ -169,20 +170,18 @@ class Given(msgspec.Struct, frozen=True):
     context: Trouble | Tapped | Watching | None = None
 
 
+@dataclass(slots=True, eq=False)
 class ScriptRun:
     """The input of a script and all that it has got since, the newest here. Equal lives are the same object, so that
     one more thing costs the same after however many.
     """
 
-    __slots__ = ("_after", "before", "branches", "given", "got", "number")
-
-    def __init__(self, given: Given, number: int, before: "ScriptRun | None" = None, got: Got | None = None) -> None:
-        self.given = given
-        self.number = number  #: no other life of the program has it
-        self.before = before
-        self.got = got
-        self.branches: tuple[Branch, ...] | None = None  #: how it may go on, once that was asked
-        self._after: dict[Got, ScriptRun] = {}
+    given: Given
+    number: int  #: no other life of the program has it
+    before: "ScriptRun | None" = None
+    got: Got | None = None
+    branches: "tuple[Branch, ...] | None" = None  #: how it may go on, once that was asked
+    _after: "dict[Got, ScriptRun]" = field(default_factory=dict)
 
     def then(self, got: Got, number: int) -> "ScriptRun":
         """This life and one more thing; *number* is for one that was not lived before."""

@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Iterable
 
-from tca_central.model.clock import Timer
 from tca_tools.explore.play.play import Action, ActionKind, Play
 
 _MOST_NAMED = 4
@@ -67,9 +66,5 @@ def _due(play: Play) -> str:
     timer = min(play.central.clock.pending(), key=lambda timer: timer.time, default=None)
     if timer is None or timer.time != play.next_time:
         return "timeouts of scripts"
-    return _TIMES.get(timer.due, "time").format(_message_of(timer))
-
-
-def _message_of(timer: Timer) -> str:
     task = getattr(timer.subject, "task", None)
-    return f"'{task.message.name}'" if task is not None else "tasks"
+    return _TIMES.get(timer.due, "time").format(f"'{task.message.name}'" if task is not None else "tasks")

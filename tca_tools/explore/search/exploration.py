@@ -2,6 +2,7 @@
 
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import msgspec
 
@@ -75,15 +76,16 @@ class _MoreDetail(BaseException):
         self.detail = detail
 
 
+@dataclass(eq=False)
 class _Exploration:
-    def __init__(self, scenario: Scenario, properties: tuple[Property, ...], limit: int, detail: Detail,
-                 watch: Watch, check: Check) -> None:  # fmt: skip
-        self.scenario = scenario
-        self.properties = properties
-        self.limit = limit
-        self.detail = detail
-        self.watch = watch
-        self.check = check
+    scenario: Scenario
+    properties: tuple[Property, ...]
+    limit: int
+    detail: Detail
+    watch: Watch
+    check: Check
+
+    def __post_init__(self) -> None:
         self.known: dict[bytes, SearchState] = {}
         self.frontier: deque[SearchState] = deque()
         self.steps = 0
@@ -93,8 +95,8 @@ class _Exploration:
         self.plays: dict[SearchState, Play] = {}  #: of states yet to be left
         self.saved = 0  #: bytes that snapshots hold
         self.snapshots = Snapshots()
-        self.used = set(scenario.messages())  #: the messages that are handled, or were used so far
-        self.without_case = set(range(len(properties)))  #: the properties for which there was nothing to judge so far
+        self.used = set(self.scenario.messages())  #: the messages that are handled, or were used so far
+        self.without_case = set(range(len(self.properties)))  #: the properties of which there was nothing to judge yet
 
     def run(self) -> Result:
         """All states, nearest first; then the circles, if there are any."""
@@ -171,10 +173,9 @@ class _Exploration:
             return violation
         key, state.order = recognised(play, state.memories, self.detail)
         known = self.known.get(key)
-        if before is not None:
-            before.following.append(known or state)
-            if self.detail.names and action is not None:
-                before.ways.append(Way(action, known or state, carried(waited, play)))
+        if before is not None and action is not None:
+            still = carried(waited, play) if self.detail.names else ()
+            before.ways.append(Way(action, known or state, still))
         if known is not None:
             return None
         if self.check is not None:
@@ -236,15 +237,15 @@ class _Exploration:
 
 def _longest_way(states: list[SearchState]) -> int | None:
     """The most actions from the first state to any; None if there is a way round in a circle."""
-    ways_in = Counter(id(following) for state in states for following in state.following)
+    ways_in = Counter(id(way.to) for state in states for way in state.ways)
     length = dict.fromkeys(map(id, states), 0)
     ready = states[:1]
     for state in ready:  # grows while it is walked
-        for following in state.following:
-            length[id(following)] = max(length[id(following)], length[id(state)] + 1)
-            ways_in[id(following)] -= 1
-            if not ways_in[id(following)]:
-                ready.append(following)
+        for way in state.ways:
+            length[id(way.to)] = max(length[id(way.to)], length[id(state)] + 1)
+            ways_in[id(way.to)] -= 1
+            if not ways_in[id(way.to)]:
+                ready.append(way.to)
     return max(length.values()) if len(ready) == len(states) else None
 
 

@@ -1,5 +1,6 @@
 """The findings of an exploration: states, the ways between them, and in the end a result."""
 
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import msgspec
@@ -47,19 +48,16 @@ class Result(msgspec.Struct, frozen=True):
         return self.is_complete and self.violation is None
 
 
+@dataclass(slots=True, eq=False)
 class SearchState:
     """A state that was reached, by the action that first led to it."""
 
-    __slots__ = ("action", "before", "following", "memories", "order", "snapshot", "ways")
-
-    def __init__(self, before: "SearchState | None", action: Action | None, memories: tuple[int, ...]) -> None:
-        self.before = before
-        self.action = action
-        self.memories = memories  #: of the properties
-        self.following: list[SearchState] = []
-        self.ways: list[Way] = []  #: to *following*: kept where circles are looked for
-        self.order: tuple[int, ...] = ()  #: the messages under way, in the order of all equal states
-        self.snapshot: bytes | None = None  #: of its play, until it has been left; None: play it again
+    before: "SearchState | None"
+    action: Action | None
+    memories: tuple[int, ...]  #: of the properties
+    ways: "list[Way]" = field(default_factory=list)
+    order: tuple[int, ...] = ()  #: the messages under way, in the order of all equal states
+    snapshot: bytes | None = None  #: of its play, until it has been left; None: play it again
 
     def actions(self) -> tuple[Action, ...]:
         """The shortest way here."""
@@ -77,7 +75,9 @@ class Way(NamedTuple):
     action: Action
     to: SearchState
     carried: tuple[int, ...]
-    """By place of what waits before: its place among what waits after, or -1 where it waits no longer for the same."""
+    """By place of what waits before: its place among what waits after, or -1 where it waits no longer for the same.
+    Empty where no circles are looked for.
+    """
 
 
 def replayed(scenario: Scenario, state: SearchState) -> Play:
