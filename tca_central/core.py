@@ -294,8 +294,9 @@ class Central(State):
         task, wait = reached
         REACHED[type(wait)](self, cast("Never", wait), task)
 
-    def _withdraw(self, task: Task) -> None:
-        self.dispatcher.withdraw(task, keep_place=task.suspended or task.retrying)
+    def _withdraw(self, withdrawn: tuple[Task, bool]) -> None:
+        task, was_suspended = withdrawn  # it may go on by now
+        self.dispatcher.withdraw(task, keep_place=was_suspended or task.suspended or task.retrying)
 
     def _fire_before(self, tapped: tuple[Task, list[Wiretap]]) -> None:
         """Fire wiretaps before a task goes on. What no listener holds is reached before anything else follows."""

@@ -46,7 +46,8 @@ class Agenda(Stored):
         self.look_at: deque[Task] = deque()  #: may go on: settle looks at them
         self.startable: deque[Task] = deque()  #: may be given to a handler
         self.unanswered: deque[Task] = deque()  #: their handlers have returned, without a word to what clients want
-        self.withdrawn: deque[Task] = deque()  #: may not any more: take them out of their queues
+        self.withdrawn: deque[tuple[Task, bool]] = deque()
+        """Those that may not any more: take them out of their queues. Whether they are only suspended."""
         self.ended: deque[Task] = deque()  #: have reached their last moment
         self.waits = 0  #: number of entries in all lists of waiters
         self.ended_waits: deque[tuple[Task, Stored]] = deque()  #: waits whose moment has been reached
@@ -174,7 +175,7 @@ class Agenda(Stored):
     def requeue(self, task: Task) -> None:
         """Let a started task that no handler has any more be handled as soon as that may be."""
         if task.queues is not None:
-            self.withdrawn.append(task)
+            self.withdrawn.append((task, False))
         self.request_again(task)
 
     def request_again(self, task: Task) -> None:
@@ -202,7 +203,7 @@ class Agenda(Stored):
         for doomed in killed:
             if not doomed.is_running:
                 doomed.returned = True
-                self.withdrawn.append(doomed)
+                self.withdrawn.append((doomed, False))
             self.look_at.append(doomed)
         return killed
 
@@ -220,7 +221,7 @@ class Agenda(Stored):
                 if one.message.message_class.is_monitor:
                     self.resumed.append(one)
             elif one.requested and one.queues is not None:
-                self._take_back(one)
+                self._take_back(one, is_suspended=True)
         return changed
 
     def wait(self, task: Task, moment: int, waiter: Stored) -> None:
@@ -354,6 +355,6 @@ class Agenda(Stored):
         if task.requested and not task.reached & START_HANDLING and not self._may_start(task):
             self._take_back(task)
 
-    def _take_back(self, task: Task) -> None:
+    def _take_back(self, task: Task, *, is_suspended: bool = False) -> None:
         task.requested = False
-        self.withdrawn.append(task)
+        self.withdrawn.append((task, is_suspended))

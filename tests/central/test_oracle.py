@@ -12,7 +12,8 @@ from properties.life import MODULES, Life, Operations, operations
 from properties.oracle import Oracle
 from sampling import lives
 
-from tca_central.events import Effect, Tick
+from tca_central.events import Effect, TellAll, Tick
+from tca_central.outgoing.central_messages import suspend
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Failed, Killed, Received
 from tca_wire.messages.failures import LOCK_LOST
@@ -223,6 +224,17 @@ def test_timers_due_at_once_ring_in_the_order_they_were_set() -> None:
     assert player.delivered("legs2/1") == [first]
 
 
+def test_a_task_suspended_for_no_time_keeps_its_place() -> None:
+    player = Player.of("legs: command move", "user")
+    _, second, _ = (player.task("user", "move", flags=Flags.NONE) for _ in range(3))
+    task = player.central.tree.tasks[TaskId(second)]
+    for resume in (False, True):  # in one event, as by a kill above what it is under
+        suspend(player.central, task, resume=resume)
+    player.event(TellAll(player.time))
+    player.reply("legs/1")
+    assert task.slot is not None
+
+
 def test_a_lost_lock_is_told_of_after_the_wiretaps_of_the_return() -> None:
     player = JudgedPlayer()
     player.module("legs", "command move", "inform note", capacity=2)
@@ -246,6 +258,7 @@ def test_the_oracle_agrees_with_central_in_every_short_life(taken: Operations) -
 
 
 @given(st.integers(0, 1 << 32))
+@example(3079024226)  # in the soak's length: a kill resumes at once what a suspension took out of a queue
 @example(724652)  # in the soak's length: two monitors that began in one event are tested at the same time
 @settings(max_examples=lives(4, soak=30), phases=NO_SMALLER_SEED)
 def test_the_oracle_agrees_with_central_in_lives_of_hundreds_of_events(seed: int) -> None:
