@@ -78,8 +78,8 @@ def _miscalled(
     if not is_here or handler.message != attached.handler:
         whose = attached.message or world.name(attached.task)
         yield f"was called at {name}: {attached.handler} is attached to {whose}"
-    world.invocations[fact.at, fact.attachment] += 1
-    number = world.invocations[fact.at, fact.attachment]
+    calls = at.invocations if at is not None else world.invocations_at_root
+    calls[fact.attachment] = number = calls.get(fact.attachment, 0) + 1
     if 0 < attached.maximum < number:
         yield f"is call {number} at {name}, and {attached.maximum} are allowed"
 

@@ -125,6 +125,7 @@ class MessageRecord(MessageView):
     ended_handlers: "list[MessageRecord]" = field(default_factory=list)  #: exception handlers that have just ended
     has_resolved: bool = False  #: of an exception handler: it has said so, or asked for a retry
     is_void: bool = False  #: of an exception handler: it decides nothing any more
+    invocations: dict[int, int] = field(default_factory=dict)  #: how often each attachment was called here
 
     is_tapped: bool = True  #: wiretaps are fired for it
     tap: int = 0  #: of a listener: the wiretap that sent it

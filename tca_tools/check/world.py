@@ -4,7 +4,7 @@ It keeps what has not ended and the names of what has, so it stays small. A jour
 sent before is a stranger, of which nothing is claimed. The explorer has the same world of the runs that it plays.
 """
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable
 from sys import intern
 from typing import NamedTuple
@@ -64,7 +64,7 @@ class JournalWorld:
         self.late_taps: set[int] = set()  #: those on tasks that had ended, until they are fired
         self.taps_before: dict[str, dict[int, facts.TapAdded]] = {}  #: those that hold, by message
         self.attached: dict[int, facts.Attached] = {}
-        self.invocations: Counter[tuple[int, int]] = Counter()  #: how often each attachment was called at a task
+        self.invocations_at_root: dict[int, int] = {}  #: how often each attachment was called there
         self.waits: dict[WaitKey, list[int]] = {}  #: by who and for what: moments
         self.declared: dict[str, facts.FormatDefined] = {}  #: messages
         self.cycles: dict[str, LifeCycle] = {}  #: of their tasks
