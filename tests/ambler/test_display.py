@@ -70,6 +70,7 @@ def test_a_move_goes_on_without_central() -> None:
     assert sender.values
 
 
+@pytest.mark.soak
 def test_the_graphical_backend_goes_where_the_quick_one_goes_and_looks_different_on_its_way() -> None:
     quick, graphical = make_robot("kinematic", terrain=HILLS), make_robot("graphical", terrain=HILLS)
     assert graphical.backend == "graphical"

@@ -67,6 +67,7 @@ def test_rays_into_the_sky_or_too_far_away_meet_nothing() -> None:
     assert np.isnan(a_plant().cast(origin, directions, 12.0)).all()
 
 
+@pytest.mark.soak
 def test_two_walks_over_the_same_ground_are_identical() -> None:
     def walked() -> object:
         robot = make_robot("kinematic", terrain=TerrainSpec(seed=5, slope=0.2))

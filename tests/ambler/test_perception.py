@@ -77,6 +77,7 @@ def test_a_scan_of_hills_becomes_a_map_of_these_hills() -> None:
     assert np.sqrt((errors**2).mean()) < 0.03
 
 
+@pytest.mark.soak
 def test_an_image_that_is_taken_while_the_body_moves_is_blurred() -> None:
     robot = make_robot("kinematic", terrain=TerrainSpec(seed=2, slope=0.3), start=Pose(30.0, 0.0, 0.0, 0.0))
     start = robot.stance().pose

@@ -117,6 +117,7 @@ def test_a_check_tells_its_margins(user: Client, robot: Robot, central: LocalCen
     assert margins.energy > 0.05
 
 
+@pytest.mark.soak
 def test_a_foot_that_seems_to_bear_nothing_is_placed_elsewhere(
     robot: Robot, user: Client, central: LocalCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -51,6 +51,7 @@ def test_it_stands_level_on_six_feet(robot: Robot) -> None:
     assert math.degrees(max(abs(readings.roll), abs(readings.pitch))) < 0.3
 
 
+@pytest.mark.soak
 @on_both
 def test_another_robot_takes_the_last_of_three_steps(robot: Robot) -> None:
     reports = take_steps(robot, an_arc(), 2)

@@ -49,6 +49,7 @@ def test_what_is_not_installed_is_left_out_by_name() -> None:
     assert any("Nobody is left out" in line for line in said)
 
 
+@pytest.mark.soak
 @pytest.mark.slow
 def test_one_that_breaks_is_out_and_the_others_go_on() -> None:
     (stage,) = chosen(STAGES, lambda name: name == "round trip", lambda entry: entry.title == "zmq.proxy")[:1]

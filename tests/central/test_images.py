@@ -119,6 +119,7 @@ def test_each_story_goes_on_after_an_image(path: Path) -> None:
             transcript.play(command)
 
 
+@pytest.mark.soak
 def test_no_order_depends_on_hashes(tmp_path: Path) -> None:
     """Two processes that hash otherwise write the same bytes, and what one has written the other goes on with."""
     seed, image = 7, tmp_path / "image"

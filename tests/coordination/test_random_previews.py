@@ -4,6 +4,7 @@ import re
 from random import Random
 from typing import NamedTuple
 
+import pytest
 from coordination.conditions import check_conditions
 from coordination.executions import check_executions
 from coordination.random_machines import FREE, befall, random_machine, random_round, run_of
@@ -62,6 +63,7 @@ def test_nothing_ahead_violates_a_condition_of_the_current_activity(seed: int) -
     check_conditions(machine, lived(machine, EAGER, seed).entries)
 
 
+@pytest.mark.soak
 @settings(max_examples=lives(5, soak=200))
 @given(SEEDS)
 def test_a_machine_goes_the_way_that_it_goes_without_a_preview(seed: int) -> None:
@@ -74,6 +76,7 @@ def test_a_machine_goes_the_way_that_it_goes_without_a_preview(seed: int) -> Non
     )  # wrong predictions may cost time, again and again, but it stands nowhere still
 
 
+@pytest.mark.soak
 @settings(max_examples=lives(7, soak=200))
 @given(SEEDS)
 def test_each_visit_to_a_state_has_an_execution_of_its_own(seed: int) -> None:
@@ -81,6 +84,7 @@ def test_each_visit_to_a_state_has_an_execution_of_its_own(seed: int) -> None:
     check_executions(machine, lived(machine, EAGER, seed).entries)
 
 
+@pytest.mark.soak
 def test_such_executions_often_begin_ahead() -> None:
     rounds = [(random_round(Random(seed)), seed) for seed in range(8)]
     assert sum(check_executions(machine, lived(machine, EAGER, seed).entries) for machine, seed in rounds) > 8

@@ -175,6 +175,7 @@ def test_planning_is_one_step_ahead_and_never_two(steps: int) -> None:
     assert last_ahead, "planning is ahead at all"
 
 
+@pytest.mark.soak
 def test_without_the_constraint_planning_runs_away() -> None:
     result = tca.explore(walk(3, plans_ahead=False), at_most(1, steps_planned_ahead))
     assert result.violation is not None

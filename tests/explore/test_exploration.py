@@ -258,6 +258,7 @@ def lost_or_killed(*properties: tca.Property) -> tca.Scenario:
     return scenario
 
 
+@pytest.mark.soak
 def test_what_may_still_happen() -> None:
     found(lost_or_killed(never_stuck(), never(killed_and_over)))
     found(lost_or_killed(never_stuck()), at_most_in_all(1, ended_badly))

@@ -402,6 +402,7 @@ def test_what_cannot_happen_all_the_time_may_be_left_out_for_ever() -> None:
     assert {action.name for action in goes_round(tca.explore(scenario))} == {"ear/1", "legs/1"}
 
 
+@pytest.mark.soak
 def test_a_goal_that_waits_for_what_is_under_it_waits_for_nobody_else() -> None:
     """It is what is under it that goes on, or is stuck."""
     assert good(beside_a_clock(is_watched_over, never_stuck())).longest is None

@@ -105,6 +105,7 @@ def test_what_a_module_does_at_its_start_is_done_before_the_run() -> None:
     good(tapping(before(fired(NOTE), begun(STEP)), never_stuck()))
 
 
+@pytest.mark.soak
 def test_or_when_it_arrives() -> None:
     """Then the step may come first; but whoever hears of a step has tapped it before."""
     found(tapping(before(fired(NOTE), begun(STEP)), arrives_late=True))
@@ -139,6 +140,7 @@ def test_an_error_at_the_start_is_a_mistake_of_the_scenario() -> None:
         tca.explore(scenario)
 
 
+@pytest.mark.soak
 def test_an_error_in_what_a_module_does_later_ends_nothing_but_that() -> None:
     """Also of one that handles nothing, and has joined with one word."""
     scenario = walking(never_stuck())

@@ -59,12 +59,14 @@ def test_one_that_a_listener_puts_under_a_tapped_task(condition: Condition, boun
     found(scenario, never(sent(GAUGE)))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("options", [{}, {"maximum": 1}, {"duration": 9.0}], ids=["endless", "bounded", "for a time"])
 def test_one_of_the_task_s_own_handler(options: dict[str, Any]) -> None:
     scenario = stepping(watches(GAUGE, period=1.0, **options))
     good(scenario, eventually(achieved(STEP)), never_stuck())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("options", [{}, {"maximum": 1}], ids=["endless", "bounded"])
 def test_one_of_a_stranger(options: dict[str, Any]) -> None:
     scenario = stepping()
@@ -109,6 +111,7 @@ def test_one_that_is_waited_for_keeps_it() -> None:
     found(stepping(watches(GAUGE, period=1.0, waited_for=True)), eventually(achieved(STEP)))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("waited_for", [False, True])
 def test_what_is_to_start_at_its_end_is_refused_unless_that_is_waited_for(waited_for: bool) -> None:
     def step(task: Task) -> None:
@@ -135,6 +138,7 @@ def test_neither_does_one_that_is_suspended() -> None:
     good(scenario, eventually(achieved(STEP)), never_stuck())
 
 
+@pytest.mark.soak
 def test_one_that_is_fired_tests_now_each_time() -> None:
     scenario = tca.Scenario("fired")
     scenario.module("body").handles(IS_LOW)(lambda _: True)

@@ -111,11 +111,13 @@ def test_two_updates_and_a_cancel_while_the_handler_answers() -> None:
     assert result.states > 300
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("state", "goal"), [("done", 1), ("done", 2), ("cancelled", 1), ("cancelled", 2)])
 def test_each_end_comes_in_some_order(state: str, goal: int) -> None:
     assert "NOT never" in found(grasping(takes=["update", "cancel"]), never(ended(state, goal)))
 
 
+@pytest.mark.soak
 def test_a_handler_that_knows_of_nothing_is_begun_anew_or_killed() -> None:
     found(grasping(), never(ended("done", 2)))
     found(grasping(), never(ended("cancelled", 2)))
@@ -170,6 +172,7 @@ def test_what_a_handler_has_not_looked_at_when_it_returns_is_decided_by_the_defa
     good(scenario)
 
 
+@pytest.mark.soak
 def test_transitions_of_ones_own_by_two_clients() -> None:
     """Each of two clients pauses the walk and lets it go on, while its legs tell how far they are."""
     scenario = Scenario("walking", never_stuck())

@@ -82,6 +82,7 @@ def test_a_kept_reply_is_given_by_another_handler() -> None:
     good(later("reply"), eventually(achieved(STEP)), never(failed(STEP)))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("keeps", [True, False])
 def test_a_dropped_reply_is_heard_of_by_the_task_above(*, keeps: bool) -> None:
     good(
@@ -92,6 +93,7 @@ def test_a_dropped_reply_is_heard_of_by_the_task_above(*, keeps: bool) -> None:
     )
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("words", ["reply", "drop", "obey"])
 def test_a_kept_reply_of_a_killed_task_frees_its_slot(words: str) -> None:
     scenario = later(words)
@@ -99,6 +101,7 @@ def test_a_kept_reply_of_a_killed_task_frees_its_slot(words: str) -> None:
     good(scenario)
 
 
+@pytest.mark.soak
 def test_a_reply_is_not_owed_after_an_accepted_cancel() -> None:
     good(later("accept"), eventually(cancelled), never(failed(STEP)))
 
@@ -117,6 +120,7 @@ def test_a_kept_reply_that_is_never_given_is_found() -> None:
     assert "legs in step {3} owes its reply" in found(later(""))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("broken", "words"), [("_forgotten", "drop"), ("_send", "reply"), ("_stopped", "accept")])
 def test_a_library_that_owes_for_ever_is_found(broken: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(LaterReply, broken, lambda _: None)

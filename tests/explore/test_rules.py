@@ -136,6 +136,7 @@ def test_a_resource_is_used_to_its_capacity() -> None:
     found(crowd(at_most(1, handled_by("legs")), notes=False))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("late_too", [False, pytest.param(True, marks=pytest.mark.soak)])
 def test_nor_when_slots_come_and_go(late_too: bool) -> None:
     legs = {"capacity": 1, "may_leave": True, "arrives_late": late_too}
@@ -176,6 +177,7 @@ def test_without_its_legs_it_waits() -> None:
 ALL_ENDS = (never_stuck(), never(killed(STEP)), eventually(resolved(STEP)))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("may_leave", [False, pytest.param(True, marks=pytest.mark.soak)])
 def test_an_exception_handler_that_waits_when_its_module_goes_is_passed_over(may_leave: bool) -> None:
     good(helped(*ALL_ENDS, may_leave=may_leave))

@@ -349,6 +349,7 @@ def test_whoever_is_killed_while_it_asks_ends_at_once(how: str) -> None:
     assert result.ok, tca.report(result)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("how", some("query", "lock"))
 def test_who_was_woken_may_ask_further(how: str) -> None:
     def cleans_up(task: tca.Task) -> None:
@@ -386,6 +387,7 @@ def gone(world: tca.World) -> bool:
     return "planner" not in world.modules
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("how", some("lock"))
 def test_whoever_asks_when_its_module_leaves_is_woken(how: str) -> None:
     """With Stopped, as on the robot: the walk fails, and the module can go."""

@@ -101,6 +101,7 @@ def begun_anew(world: tca.World) -> list[tca.Seen]:
     return [seen for seen in world.tasks if seen.message == STEP.name and (seen.is_new or seen.is_retried)]
 
 
+@pytest.mark.soak
 def test_a_ladder_without_an_end_is_found() -> None:
     story = found(scenarios.ladder(gives_up=False), at_most_in_all(2, retried(WALK)))
     assert "here it comes to 3: walk {2}" in story
@@ -182,6 +183,7 @@ def starts_suspended(world: tca.World) -> list[tca.Seen]:
 # --- time ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.soak
 def test_a_deadline_that_is_over_while_the_reply_is_under_way_leaves_nothing_hanging() -> None:
     assert good(scenarios.late(), eventually(achieved(REST)), never_stuck()).longest is not None
     is_retried_once = at_most_in_all(1, retried(STEP))  # the deadline is over: what is retried has no new one
@@ -193,6 +195,7 @@ def test_a_deadline_that_is_over_while_the_reply_is_under_way_leaves_nothing_han
     found(scenarios.late(), never(achieved(STEP)))  # and in time
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("options", "fires"), [({"maximum": 2}, 2), ({"maximum": 1, "fire_every": 2}, 1), ({"duration": 2.5}, 3)]
 )

@@ -129,6 +129,7 @@ def helps_who_is_alone(world: tca.World) -> list[tca.Seen]:
     return [one for one in those(world, HELP) if (step := world.parent(one)) is not None and step.data == "alone"]
 
 
+@pytest.mark.soak
 def test_an_exception_handler_is_called_until_it_is_removed() -> None:
     """Of a failure of its own, and of a module that is lost; once only."""
     scenario = tca.Scenario("help")

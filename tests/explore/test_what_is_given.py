@@ -64,6 +64,7 @@ def test_whoever_asks_is_answered(name: str, how: str) -> None:
     holds(scenario, eventually(over(NOTE)))
 
 
+@pytest.mark.soak
 def test_what_is_told_is_handled() -> None:
     """By all, of a broadcast. Who dies while he handles it has had it: nobody is told it twice."""
     scenario = tca.Scenario("telling")

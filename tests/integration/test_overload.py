@@ -275,6 +275,7 @@ DIGGER = """
 TASKS = 2_000
 
 
+@pytest.mark.soak
 def test_the_kill_of_a_very_large_tree_costs_no_living_module_its_place(tmp_path: Path) -> None:
     """Central stands still for a while, and here is stopped, too, as on a slower day: who has no patience is told; what
     is handled goes on, and who handles stays.

@@ -85,6 +85,7 @@ def files(package: str) -> set[str]:
     }
 
 
+@pytest.mark.soak
 @pytest.mark.slow
 def test_the_source_distribution_holds_all_sources(dist: Path) -> None:
     (archive,) = dist.glob("tca_central-*.tar.gz")

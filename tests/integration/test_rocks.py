@@ -144,6 +144,7 @@ def test_where_no_way_is_found_the_feet_are_shuffled_and_the_walk_goes_on(walked
     assert len(arc.handlings) == 1 + len(shuffled)  # begun again each time, from the standard configuration
 
 
+@pytest.mark.soak
 def test_when_nothing_helps_the_walk_is_given_up_and_the_user_is_told(given_up: Walk) -> None:
     assert given_up.code == 1
     assert given_up.recoveries.keys() >= set(LADDER)

@@ -36,6 +36,7 @@ def fly(mission: RoverMission) -> None:
 """
 
 
+@pytest.mark.soak
 @pytest.mark.slow
 def test_a_program_that_uses_the_stub_file_passes_mypy_and_one_with_slips_does_not(tmp_path: Path) -> None:
     with mission_of_rover() as (mission, _):

@@ -76,6 +76,7 @@ def test_an_update_is_over_when_the_task_ends_in_a_break(
         assert watch.state == "cancelled"
 
 
+@pytest.mark.soak
 def test_nobody_is_told_of_what_nobody_follows_any_more(user: Client, camera: list[str], central: LocalCentral) -> None:
     watch = user.command(WATCH, 1.0)
     watch.follow()

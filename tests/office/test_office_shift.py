@@ -73,6 +73,7 @@ def test_goals_are_cancelled_when_their_cups_vanish() -> None:
     assert False in began
 
 
+@pytest.mark.soak
 def test_a_seed_comes_out_the_same_every_time() -> None:
     runs = [keep_free(OfficeWorld(2, 60.0), lambda *_: None) for _ in range(2)]
     assert runs[0][1] == runs[1][1]

@@ -229,6 +229,7 @@ def test_what_is_held_is_said_and_does_not_grow_without_end(steps: int) -> None:
     assert ("step {4}: until step {3} is achieved" in said) == (steps < 7)  # narrow bars say less
 
 
+@pytest.mark.soak
 def test_a_long_run_is_a_picture_of_bounded_size() -> None:
     picture = drawn(shop(steps=7_000, rows=10))
     assert float(ET.fromstring(picture).get("width", 0)) <= 2_000

@@ -197,6 +197,7 @@ def test_a_story_says_nothing_that_was_not_known_then() -> None:
     play(made("waiting_for_two").entries, act, at=1.0)
 
 
+@pytest.mark.soak
 def test_search_goes_from_one_to_the_next() -> None:
     async def act(player: Player) -> None:
         await player.ask("slash", "STEPS")
@@ -219,6 +220,7 @@ def test_search_goes_from_one_to_the_next() -> None:
     play(stumbling().entries, act)
 
 
+@pytest.mark.soak
 def test_search_finds_failures_and_goes_on_from_the_start() -> None:
     async def act(player: Player) -> None:
         await player.ask("slash", "Leg 4 met")
@@ -465,6 +467,7 @@ def run(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.soak
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "keys",
@@ -480,6 +483,7 @@ def test_keys_that_end_it(run: Path, keys: str) -> None:
         assert shown.ends() == 0
 
 
+@pytest.mark.soak
 @pytest.mark.slow
 def test_a_q_that_is_looked_for_does_not_end_it_and_an_interrupt_does(run: Path) -> None:
     with replaying(run) as shown:

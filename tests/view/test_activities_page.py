@@ -152,6 +152,7 @@ def test_the_page_is_red_where_measurement_refutes_the_analysis(town: Town, look
         hung.set()
 
 
+@pytest.mark.soak
 def test_all_windows_tell_that_it_stops_begins_anew_and_is_lost(town: Town, look: Look, window: BrowserContext) -> None:
     page = look(town.address, f"?key={town.key}")
     second = window.new_page()

@@ -40,6 +40,7 @@ def test_every_row_that_waits_says_for_what_in_the_end_and_the_head_counts_by_th
     expect(page.locator("#task h2")).to_have_text("calibrate {3}")
 
 
+@pytest.mark.soak
 def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_path: Path) -> None:
     page = look(made("in_turn").write(tmp_path / "lifts"), "#t=1.5")
     page.set_viewport_size({"width": 2200, "height": 860})
@@ -56,6 +57,7 @@ def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_pa
     expect(causes).to_have_text("1 waits for 1 thing:lift {2}, which arm handles")
 
 
+@pytest.mark.soak
 def test_a_wait_that_has_just_begun_has_lasted_for_no_time(look: Look, tmp_path: Path) -> None:
     page = look(made("in_turn").write(tmp_path / "lifts"), "#t=1.0&task=3")
     page.set_viewport_size({"width": 2200, "height": 860})
@@ -77,6 +79,7 @@ def chain(number: int) -> Story:
     return tale.delivered(first, "arm").at(2.0).module("late")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("many", [3_000, pytest.param(20_000, marks=pytest.mark.soak)])
 def test_very_many_that_wait_one_for_the_other_are_told_what_for(look: Look, tmp_path: Path, many: int) -> None:
     page = look(chain(many).write(tmp_path / "many"), f"#task={many + 1}")
@@ -90,6 +93,7 @@ def test_very_many_that_wait_one_for_the_other_are_told_what_for(look: Look, tmp
 ASKED = "() => fetch('api/causes?at=1').then((answer) => answer.json()).then(({ waiting }) => waiting)"
 
 
+@pytest.mark.soak
 def test_where_a_task_counts_for_several_things_the_line_of_causes_says_so(look: Look, tmp_path: Path) -> None:
     story = Story().at(1.0)
     one, two = story.command("one", "user"), story.command("two", "user")

@@ -26,6 +26,7 @@ def crowded() -> Story:
     return story.at(2.0).acted(story.command("work 39", "user"), "module 39", 3.0)
 
 
+@pytest.mark.soak
 def test_rows_below_the_edge_are_announced_and_reached(look: Look, tmp_path: Path) -> None:
     page = look(crowded().write(tmp_path / "crowd"))
     labels = "tca.chart.layout.filter(({ top, bottom }) => top >= 20 && bottom <= tca.chart.height).map(({ row }) => row.label)"
@@ -73,6 +74,7 @@ LOOKS = """([time, before]) => {
 """The colour of the first row so many pixels before a time."""
 
 
+@pytest.mark.soak
 def test_a_bar_of_what_was_killed_has_a_dark_end_and_what_is_to_come_is_paler(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "walk").at(1.0)
     for outcome in (Outcome.DONE, Outcome.KILLED):
@@ -91,6 +93,7 @@ def test_a_bar_of_what_was_killed_has_a_dark_end_and_what_is_to_come_is_paler(lo
     assert page.evaluate(LOOKS, [2.9, 0]) == to_come
 
 
+@pytest.mark.soak
 def test_who_suspended_a_task_is_told_where_the_mouse_is(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "mop", "dust").at(1.0)
     for name, by in (("mop", "tca suspend"), ("dust", "")):  # an older journal does not tell
@@ -116,6 +119,7 @@ def test_who_suspended_a_task_is_told_where_the_mouse_is(look: Look, tmp_path: P
         expect(page.locator("#hint")).to_contain_text(told)
 
 
+@pytest.mark.soak
 def test_times_are_said_as_elsewhere(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "move").at(6700.0)
     page = look(story.acted(story.command("move", "user"), "legs", 8.5).write(tmp_path / "late"))
@@ -149,6 +153,7 @@ def test_names_are_legible_on_their_bars_and_say_that_they_are_cut(look: Look, t
     assert any(text.startswith("hold") and text.endswith("…") for text, _ in written(page))
 
 
+@pytest.mark.soak
 def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path) -> None:
     page = look(Story().at(5.399).module("legs", "move").module("eyes", "look").write(tmp_path / "new"))
     expect(page.locator("#counts")).to_be_attached()
@@ -165,6 +170,7 @@ def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path) 
     until(page, "(wide) => tca.chart.window[1] - tca.chart.window[0] < wide", to - from_)
 
 
+@pytest.mark.soak
 def test_bars_of_what_nobody_handles_have_names_and_are_seen_in_the_dark(look: Look, tmp_path: Path) -> None:
     page = look(stuck().write(tmp_path / "stuck"))
     page.emulate_media(color_scheme="dark")

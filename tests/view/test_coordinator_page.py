@@ -42,6 +42,7 @@ def test_the_machine_shows_what_it_foresees_at_any_moment(look: Look, delivery: 
     assert picture.evaluate("(one) => one.isConnected")  # it was drawn once
 
 
+@pytest.mark.soak
 def test_the_tree_marks_what_ran_ahead_as_known_at_the_moment(look: Look, delivery: Path) -> None:
     page = look(delivery, "#t=1&task=2")
     marks = "(expected) => [...document.querySelectorAll('.row .role')].map((one) => one.textContent).join('; ') === expected"
@@ -63,6 +64,7 @@ def test_the_server_tells_which_states_are_likely(serve: Callable[[Path], str], 
     assert asked(40) == {"active": [], "foreseen": [], "likely": {}}
 
 
+@pytest.mark.soak
 def test_the_page_tells_why_activities_have_not_started(look: Look, tmp_path: Path) -> None:
     page = look(written(held_up(), tmp_path / "held up"), "#t=1&task=4")
     until(page, "() => document.querySelector('#task .late')?.textContent.includes('undo=')")

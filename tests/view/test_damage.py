@@ -77,6 +77,7 @@ def write_nonsense(run: Path) -> None:
         stream.write(b"X" * 60)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("spoil", "told"),
     [
@@ -150,6 +151,7 @@ def test_that_the_server_does_not_answer_is_told_soon_of_a_damaged_journal_too(l
     assert page.locator("#status").inner_text() == "away"
 
 
+@pytest.mark.soak
 def test_of_another_run_in_its_place_the_page_says_nothing(
     look: Look, serve: Callable[[Path], str], tmp_path: Path
 ) -> None:

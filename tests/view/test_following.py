@@ -92,6 +92,7 @@ def is_in_sight_by_its_bar(page: Page) -> None:
     assert page.locator("#rows").evaluate("(rows) => rows.scrollTop") == before
 
 
+@pytest.mark.soak
 def test_a_query_that_failed_is_no_task_that_was_chosen_before(look: Look, tmp_path: Path) -> None:
     story = Story().module("eyes", "look").at(1.0)
     move = story.command("move", "user")
@@ -146,6 +147,7 @@ def who_scrolls_is_left_alone_until_he_asks(page: Page) -> None:
     expect(first).to_be_in_viewport()
 
 
+@pytest.mark.soak
 def test_where_everything_waits_the_newest_wait_is_in_sight(look: Look, tmp_path: Path) -> None:
     story = Story().module("planner", "step")
     for number in range(50):
@@ -159,6 +161,7 @@ def test_where_everything_waits_the_newest_wait_is_in_sight(look: Look, tmp_path
     expect(page.locator(".row[data-task='29']")).to_be_in_viewport()
 
 
+@pytest.mark.soak
 def test_the_head_names_what_rows_lie_under_that_is_out_of_sight(look: Look, tmp_path: Path) -> None:
     story = Story().module("planner", "day", "visit").module("legs", "move").at(1.0)
     day = story.goal("day", "user")

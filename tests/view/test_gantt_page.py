@@ -43,6 +43,7 @@ LABELS = """() => [...document.querySelectorAll('.tick')].map((one) => one.getBo
   .filter((box) => box.width).flatMap((box) => [box.left, box.right])"""
 
 
+@pytest.mark.soak
 def test_the_labels_of_the_axis_are_whole_at_its_edges(browser: Browser, tmp_path: Path) -> None:
     story = Story().module("legs", "walk")
     walk = story.goal("walk", "user")

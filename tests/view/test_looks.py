@@ -34,6 +34,7 @@ def day() -> Story:
     return story
 
 
+@pytest.mark.soak
 def test_a_run_that_has_ended_is_shown_from_its_first_task_on(look: Look, tmp_path: Path) -> None:
     run, seen = day().say(facts.Closed("done")).write(tmp_path / "day"), ".row[data-task='{}']"
     page = look(run)
@@ -47,6 +48,7 @@ def test_a_run_that_has_ended_is_shown_from_its_first_task_on(look: Look, tmp_pa
     expect(page.locator(seen.format(54))).to_be_in_viewport()
 
 
+@pytest.mark.soak
 def test_the_name_of_what_is_to_come_is_dark_on_its_pale_bar(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "walk", "turn").at(1.0)
     for name in ("walk", "turn"):
@@ -75,6 +77,7 @@ def leaves_the_labels_of_the_axis_free(page: Page) -> None:
     assert [page.evaluate(blue, y) for y in (4, 10, 30)] == [False, False, True]
 
 
+@pytest.mark.soak
 def test_a_good_run_that_has_ended_opens_with_as_much_as_has_room(look: Look, tmp_path: Path) -> None:
     story = Story().module("planner", "day", "walk").module("legs", "move").at(1.0)
     top = story.goal("day", "user", to="planner", begins=True)
@@ -92,6 +95,7 @@ def test_a_good_run_that_has_ended_opens_with_as_much_as_has_room(look: Look, tm
     expect(page.locator(".row[data-task='3']")).to_be_visible()  # a move of the first walk
 
 
+@pytest.mark.soak
 def test_a_failure_is_told_once_and_with_its_data_if_it_has_no_text(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "walk", "move").at(1.0)
     walk = story.goal("walk", "user", to="legs", begins=True)

@@ -80,6 +80,7 @@ def test_what_failed_is_seen_under_what_was_killed_for_it(look: Look, tmp_path: 
     expect(failed).to_be_visible()
 
 
+@pytest.mark.soak
 def test_what_was_replaced_is_amber_as_it_is_good_in_the_report(look: Look, tmp_path: Path) -> None:
     page = look(made("replaced").write(tmp_path / "walk"))
     expect(page.locator("#counts")).to_be_attached()
@@ -116,6 +117,7 @@ def test_what_was_replaced_is_amber_as_it_is_good_in_the_report(look: Look, tmp_
     expect(page.locator(".hidden-failure")).to_have_class("hidden-failure handled")
 
 
+@pytest.mark.soak
 def test_the_mark_of_what_failed_in_a_closed_task_is_red_if_not_all_of_it_was_handled(
     look: Look, tmp_path: Path
 ) -> None:
@@ -124,6 +126,7 @@ def test_the_mark_of_what_failed_in_a_closed_task_is_red_if_not_all_of_it_was_ha
     expect(page.locator(".hidden-failure")).to_have_class("hidden-failure")
 
 
+@pytest.mark.soak
 def test_what_is_being_recovered_says_who_does_that_and_for_how_long(look: Look, tmp_path: Path) -> None:
     page = look(made("in_recovery").write(tmp_path / "walk"))
     told = page.locator(".row.recovering .why")
@@ -131,6 +134,7 @@ def test_what_is_being_recovered_says_who_does_that_and_for_how_long(look: Look,
     expect(told).to_have_attribute("title", re.compile("recover.*\n\nslip: on ice"))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("passed_on", "tint"), [(False, "handled"), (True, "bad")])
 def test_a_query_that_failed_is_amber_if_who_asked_went_on(
     look: Look, tmp_path: Path, *, passed_on: bool, tint: str
@@ -162,6 +166,7 @@ def test_a_query_that_failed_is_amber_if_who_asked_went_on(
     expect(page.locator("#messages .line").filter(has_text="blind").first).to_have_class(re.compile(rf"\b{tint}\b"))
 
 
+@pytest.mark.soak
 def test_a_query_that_was_sent_directly_and_failed_is_amber_too(look: Look, tmp_path: Path) -> None:
     story = Story().module("eye", "look", "log").at(1.0)
     for name, kind in (("look", MessageClass.QUERY), ("log", MessageClass.INFORM)):
@@ -172,6 +177,7 @@ def test_a_query_that_was_sent_directly_and_failed_is_amber_too(look: Look, tmp_
     assert page.evaluate(told) == [["look", True], ["log", False]]
 
 
+@pytest.mark.soak
 def test_a_failure_that_is_raised_beside_the_handler_is_marked_on_the_bar(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "move", resource="left").at(1.0)
     move = story.command("move", "user")
@@ -205,6 +211,7 @@ def test_a_failure_that_is_raised_beside_the_handler_is_marked_on_the_bar(look: 
     expect(page.locator("#task")).to_contain_text("the failure's data: 3.125")
 
 
+@pytest.mark.soak
 def test_a_bar_that_goes_on_has_not_failed_yet(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "move").at(1.0)
     move = story.command("move", "user")

@@ -82,6 +82,7 @@ def test_a_run_with_a_failure_is_looked_through(look: Look, tmp_path: Path) -> N
     expect(page.locator("#found")).to_have_text("0 found")
 
 
+@pytest.mark.soak
 def test_what_else_lies_in_the_folder_is_said(look: Look, tmp_path: Path) -> None:
     folder = stumbling().write(tmp_path / "walk", segments=3)
     (folder / "00000002.tcaj").unlink()
@@ -141,6 +142,7 @@ def is_dragged_and_played(page: Page) -> None:
     expect(page.locator("#play")).to_have_text("▶")
 
 
+@pytest.mark.soak
 def test_the_chart_begins_with_the_first_message_ends_with_the_last_and_has_modules_that_handled_nothing(
     look: Look, tmp_path: Path
 ) -> None:
@@ -163,6 +165,7 @@ def test_the_chart_begins_with_the_first_message_ends_with_the_last_and_has_modu
     until(page, "tca.chart.window[1] > 300")
 
 
+@pytest.mark.soak
 def test_the_name_of_the_run_is_whole_beside_many_states(look: Look, tmp_path: Path) -> None:
     story = stumbling()
     story.queued(story.command("rest", "user")).command("wait", "user")
@@ -267,6 +270,7 @@ class Halting(Log):
             yield found
 
 
+@pytest.mark.soak
 def test_the_address_is_kept_until_what_it_names_has_been_read(browser: Browser, tmp_path: Path) -> None:
     path = tmp_path / "long.tcaj"
     path.write_bytes(many_tasks(5_000))
@@ -284,6 +288,7 @@ def test_the_address_is_kept_until_what_it_names_has_been_read(browser: Browser,
         assert page.evaluate("location.hash") == wanted
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("many", [5_000, pytest.param(100_000, marks=pytest.mark.soak)])
 def test_very_many_tasks_stay_usable(look: Look, tmp_path: Path, many: int) -> None:
     log = tmp_path / "long.tcaj"

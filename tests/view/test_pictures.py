@@ -63,6 +63,7 @@ def test_pictures_are_those_of_the_moment(look: Look, arm: Path) -> None:
     assert page.evaluate("() => window.ran") is None
 
 
+@pytest.mark.soak
 def test_a_closed_picture_is_not_fetched_until_it_is_opened(look: Look, arm: Path) -> None:
     page = look(arm, "#t=1.5")
     picture = page.locator("#pictures details").first
@@ -78,6 +79,7 @@ def test_a_closed_picture_is_not_fetched_until_it_is_opened(look: Look, arm: Pat
     assert len([url for url in asked if "api/picture/" in url]) == 2
 
 
+@pytest.mark.soak
 def test_other_values_are_no_pictures(look: Look, arm: Path) -> None:
     page = look(arm)
     box = page.locator("#pictures details", has_text="picture of mind")

@@ -107,6 +107,7 @@ def moves_zoomed_chart(page: Page) -> None:
     assert start <= time <= end
 
 
+@pytest.mark.soak
 def test_a_zoomed_chart_shows_where_one_steps(look: Look, quiet: Path) -> None:
     page = look(quiet, "#t=2")
     expect(page.locator("#clock")).to_have_text("2.000 s")

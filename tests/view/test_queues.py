@@ -27,6 +27,7 @@ def queue_of(number: int) -> Story:
     return story
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("number", [3_000, pytest.param(100_000, marks=pytest.mark.soak)])
 def test_a_long_queue_is_shown_at_any_moment(look: Look, tmp_path: Path, number: int) -> None:
     log = tmp_path / "long.tcaj"
@@ -60,6 +61,7 @@ def lanes_on(page: Page, label: str) -> Any:
     )
 
 
+@pytest.mark.soak
 def test_a_queue_that_empties_and_fills_again_lies_as_in_other_charts(look: Look, tmp_path: Path) -> None:
     story, life = Story().module("legs", "move"), random.Random(1)
     waiting: list[int] = []

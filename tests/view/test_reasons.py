@@ -38,6 +38,7 @@ def test_a_reason_is_cut_where_there_is_little_room_and_whole_at_the_mouse_and_i
     expect(page.locator("#task .lead.bad")).to_contain_text("at the root")
 
 
+@pytest.mark.soak
 def test_what_a_row_with_little_room_tells(look: Look, tmp_path: Path) -> None:
     story = Story().module("radiology", "ct scan", resource="scanner").module("brain", "treat").at(1.0)
     first, scan = story.command("ct scan", "user"), story.command("ct scan", "user")
@@ -60,6 +61,7 @@ def test_what_a_row_with_little_room_tells(look: Look, tmp_path: Path) -> None:
             expect(page.locator(f".row[data-task='{number}'] .why")).to_have_text(text)
 
 
+@pytest.mark.soak
 def test_who_looks_back_is_not_told_what_came_later(look: Look, tmp_path: Path) -> None:
     page = look(stumbling().write(tmp_path / "walk"), "#t=4.2&task=7")
     expect(page.locator("#task .state")).to_have_text("handling")
@@ -78,6 +80,7 @@ def test_who_looks_back_is_not_told_what_came_later(look: Look, tmp_path: Path) 
     expect(page.locator("#chain")).to_have_count(1)
 
 
+@pytest.mark.soak
 def test_nor_of_a_query(look: Look, tmp_path: Path) -> None:
     story = Story().module("eyes", "look").at(1.0)
     query = story.received("look", MessageClass.QUERY, "user")
@@ -92,6 +95,7 @@ def test_nor_of_a_query(look: Look, tmp_path: Path) -> None:
     expect(page.locator("#task pre")).to_contain_text("seen")
 
 
+@pytest.mark.soak
 def test_of_many_constraints_those_that_hold_it_come_first_and_of_those_that_are_met_a_few(
     look: Look, tmp_path: Path
 ) -> None:
@@ -115,6 +119,7 @@ def test_of_many_constraints_those_that_hold_it_come_first_and_of_those_that_are
     expect(rows.last).to_have_text("and 8 more that are not met")
 
 
+@pytest.mark.soak
 def test_the_constraint_of_a_parent_that_holds_a_task_is_among_its_own(look: Look, tmp_path: Path) -> None:
     """Meals are cooked one after the other; the second one's soup waits until that may be cooked, its bread for soup, too."""
     story = Story().module("cook", "meal", "soup").at(1.0)
@@ -138,6 +143,7 @@ def test_the_constraint_of_a_parent_that_holds_a_task_is_among_its_own(look: Loo
     expect(rows).to_have_count(0)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("letters", ["A", pytest.param("deep ", marks=pytest.mark.soak)])
 def test_a_text_of_any_length_is_shown_at_once_and_all_of_it_when_asked_for(
     look: Look, tmp_path: Path, letters: str
@@ -157,6 +163,7 @@ def test_a_text_of_any_length_is_shown_at_once_and_all_of_it_when_asked_for(
     assert page.evaluate("document.getElementById('messages').textContent.length") < 10_000
 
 
+@pytest.mark.soak
 def test_a_traceback_keeps_its_lines_and_loses_its_carets(look: Look, tmp_path: Path) -> None:
     text = "ZeroDivisionError\n  File 'legs.py', line 7\n    return 1/0\n           ~^~\nZeroDivisionError: division"
     story = Story().module("legs", "move").at(1.0)
@@ -168,6 +175,7 @@ def test_a_traceback_keeps_its_lines_and_loses_its_carets(look: Look, tmp_path: 
                               "isionError: division", use_inner_text=True)  # fmt: skip
 
 
+@pytest.mark.soak
 def test_a_module_whose_work_is_done_did_not_fail(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "move").module("eyes", "look").at(1.0)
     story.say(facts.ModuleLeft("legs", "it said goodbye")).at(2.0).say(

@@ -175,6 +175,7 @@ def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("until take steps {2} is achieved")
 
 
+@pytest.mark.soak
 def test_what_is_wrong_with_a_journal_stands_whole_in_the_list_of_runs(
     look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -219,6 +220,7 @@ def test_a_page_of_a_log_says_that_a_newer_run_has_begun_whenever_it_is_opened(
     expect(page.locator("#newer")).to_be_hidden()
 
 
+@pytest.mark.soak
 def test_who_names_an_older_run_as_log_is_not_told_of_those_that_were_there(look: Look, tmp_path: Path) -> None:
     folder = walking().write(tmp_path / "walk")
     begin_another_in(folder)

@@ -81,6 +81,7 @@ def test_failures_are_found_by_what_they_say(look: Look, tmp_path: Path) -> None
     expect(page.locator("#found")).to_have_text("0 found")
 
 
+@pytest.mark.soak
 def test_tasks_of_the_name_that_is_looked_for_come_first(look: Look, tmp_path: Path) -> None:
     story = Story().module("fry van", "deliver").at(1.0)
     day, other = story.goal("day", "user"), story.command("deliver", "user")

@@ -80,6 +80,7 @@ def test_waits_and_the_chart_grow_without_any_news(look: Look, daemon: Central, 
     expect(page.locator("#clock")).not_to_have_text(there)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("how", "state"),
     [(signal.SIGTERM, "ended"), pytest.param(signal.SIGKILL, "not closed", marks=pytest.mark.soak)],
@@ -94,6 +95,7 @@ def test_a_run_that_is_over_stands_still(look: Look, daemon: Central, user: Clie
     assert not page.evaluate("tca.store.isLive")
 
 
+@pytest.mark.soak
 def test_nothing_moves_in_a_tab_that_nobody_sees(look: Look, daemon: Central, user: Client) -> None:
     page = look(daemon.journal, clock=True)  # whose time is the test's
     page.clock.run_for(1000)
@@ -109,6 +111,7 @@ def test_nothing_moves_in_a_tab_that_nobody_sees(look: Look, daemon: Central, us
     assert all(new != old for new, old in zip(after, before, strict=True))
 
 
+@pytest.mark.soak
 def test_a_server_that_is_gone_is_no_run_that_goes_on(look: Look, daemon: Central, user: Client) -> None:
     page = look(daemon.journal)
     reason = page.locator(".row[data-task='1'] .why")

@@ -73,6 +73,7 @@ def test_without_a_preview_one_task_follows_the_other() -> None:
     assert all(before.end <= after.start + 1e-6 for before, after in itertools.pairwise(plain.tasks))
 
 
+@pytest.mark.soak
 def test_what_each_schedule_saves() -> None:
     best, changed, plain = (delivered(name).seconds for name in ("best", "changed", "plain"))
     assert best < changed < plain
@@ -118,6 +119,7 @@ def test_two_objects_go_into_their_boxes() -> None:
         assert carrying.state == "done"
 
 
+@pytest.mark.soak
 def test_the_table_of_seeds_is_the_same_everywhere(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -114,6 +114,7 @@ def carried(backend: Physics, to: str, lid: Lid | None = None) -> list[JointRead
     return found
 
 
+@pytest.mark.soak
 @NO_PHYSICS
 @pytest.mark.slow
 @pytest.mark.parametrize("to", ["B", pytest.param("C", marks=pytest.mark.soak)])
