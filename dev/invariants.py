@@ -26,6 +26,7 @@ from tca_wire.points import (
     START_HANDLING,
     START_PLANNING,
 )
+from tca_wire.rules import RULES
 from tca_wire.vocabulary import Due, Role
 
 
@@ -148,7 +149,7 @@ def _check_family(task: Task) -> None:
 
 def _check_order(task: Task) -> None:
     """Node schema: a command is held until it may be achieved; a goal is handled as soon as it may be planned."""
-    for moment, needed in task.message.rules.order:
+    for moment, needed in RULES[task.message.is_goal].order:
         assert not task.reached & moment or task.reached & needed == needed, f"{task}: {moment} too early"
     start = delivered_at(task.is_goal)
     assert bool(task.reached & start) == bool(task.reached & START_HANDLING), f"{task}: started in part"

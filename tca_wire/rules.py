@@ -76,9 +76,8 @@ NO_GOAL = _rules(
 )
 
 
-def rules_of(is_goal: bool) -> TaskRules:
-    """The rules of a goal, or of any other task."""
-    return GOAL if is_goal else NO_GOAL
+RULES = (NO_GOAL, GOAL)
+"""The rules of a task, by whether it is a goal."""
 
 
 # --- parents and children --------------------------------------------------------------------------------------------

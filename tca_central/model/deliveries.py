@@ -19,7 +19,6 @@ from tca_wire.packets.headers import WaitUntilHandled
 from tca_wire.packets.parts import HandlerFormat, MessageFormat, Tapped, Trouble, Watching, WatchOptions
 from tca_wire.packets.routes import Entrance
 from tca_wire.points import TaskId
-from tca_wire.rules import TaskRules, rules_of
 from tca_wire.vocabulary import Busy, Condition, Role
 
 REMEMBERED_TASKS = 128
@@ -230,11 +229,6 @@ class Declared(Stored):
     def title(self) -> str:
         """For people: "goal 'walk'"."""
         return f"{self.message_class} '{self.name}'"
-
-    @property
-    def rules(self) -> TaskRules:
-        """The rules of its tasks' moments."""
-        return rules_of(self.is_goal)
 
     @property
     def life_cycle(self) -> LifeCycle:

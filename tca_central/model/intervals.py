@@ -2,7 +2,7 @@
 
 from tca_central.errors import RequestError
 from tca_wire.points import MOMENTS, START_ACHIEVING, START_HANDLING, START_PLANNING, Point
-from tca_wire.rules import rules_of
+from tca_wire.rules import RULES
 from tca_wire.vocabulary import Refusal
 
 SINGLE_MOMENTS = tuple(int(moment) for moment in MOMENTS)
@@ -29,7 +29,7 @@ def unified(is_goal: bool, moment: int) -> int:
 PREVIOUS = {
     (is_goal, moment): tuple(unified(is_goal, one) for one in SINGLE_MOMENTS if one & before)
     for is_goal in (True, False)
-    for moment, before in rules_of(is_goal).order
+    for moment, before in RULES[is_goal].order
 }
 """By whether a task is a goal, and a moment: the moments of the task that come directly before it; none where it has no
 row.

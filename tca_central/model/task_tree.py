@@ -11,6 +11,7 @@ from tca_central.model.deliveries import Delivery, MessageType, Module, Wiretap
 from tca_central.model.stored import Stored
 from tca_central.model.tasks import ClientRequest, Clients, Failure, Recovery, Task, held_bytes
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, STARTS, TaskId
+from tca_wire.rules import RULES
 from tca_wire.vocabulary import Refusal, Role
 
 
@@ -183,7 +184,7 @@ def first_moments(task: Task) -> int:
     """The moments that a task reaches when it is given to a handler; given to another one later, it is handled anew."""
     if task.reached & START_HANDLING:
         return START_HANDLING
-    return STARTS if task.delayed else task.message.rules.delivery
+    return STARTS if task.delayed else RULES[task.message.is_goal].delivery
 
 
 def to_be_fired(task: Task, moments: int) -> list[Wiretap]:

@@ -28,7 +28,7 @@ from tca_wire.points import (
     START_PLANNING,
     STARTS,
 )
-from tca_wire.rules import KILLED
+from tca_wire.rules import KILLED, RULES
 from tca_wire.text.facts_in_words import kill_reason
 from tca_wire.vocabulary import Role
 
@@ -66,7 +66,7 @@ class Agenda(Stored):
         sender = sending_module(task)
         last = self.tree.last_sibling(parent, sender)
         self.tree.attach(task, parent)
-        task.reached |= task.message.rules.at_birth
+        task.reached |= RULES[task.message.is_goal].at_birth
         if task.is_goal:
             parent.unplanned += 1
         added: list[Constraint] = []
@@ -265,7 +265,7 @@ class Agenda(Stored):
         if task.killed and task.slot is None:
             reached |= STARTS
         is_tapped = task.message.taps or task.tapping is not None
-        for moment, needed in task.message.rules.order:
+        for moment, needed in RULES[task.message.is_goal].order:
             if not reached & moment and reached & needed == needed and self._may_reach(task, moment):
                 if is_tapped and not self._may_pass(task, moment):
                     break

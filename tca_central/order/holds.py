@@ -37,6 +37,7 @@ from tca_wire.points import (
     TaskId,
     start_of,
 )
+from tca_wire.rules import RULES
 from tca_wire.vocabulary import Due, Refusal
 
 SEQ_ACH, SEQ_PLANNING = int(Flags.SEQ_ACH), int(Flags.SEQ_PLANNING)
@@ -295,10 +296,11 @@ class Holds(Stored):
         found: dict[tuple[int, int], Task] = {}
         frontier, seen = [(killed, at)], {origin}
         for task, moment in frontier:  # grows while it is walked
+            no_later = RULES[task.message.is_goal].no_later[moment]
             for its_own, leader_id, its_moment in task.leaders or ():
                 leader, place = self.tree.tasks.get(leader_id), (leader_id, its_moment)
                 first = START_PLANNING if task.delayed and its_own == START_ACHIEVING else its_own
-                if leader is None or leader.reached & its_moment or not task.message.rules.no_later[moment] & first:
+                if leader is None or leader.reached & its_moment or not no_later & first:
                     continue
                 if leader not in self.ending:
                     found[place] = leader

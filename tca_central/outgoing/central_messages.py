@@ -13,6 +13,7 @@ from tca_wire.messages.formats import NIL, NO_DATA
 from tca_wire.messages.notices import Notice
 from tca_wire.packets.headers import Suspended
 from tca_wire.points import ROOT, TaskId
+from tca_wire.rules import RULES
 from tca_wire.vocabulary import CENTRAL, Dropping, Role
 
 
@@ -149,7 +150,7 @@ def at_birth(task: Task) -> list[facts.Fact]:
     found: list[facts.Fact] = [facts.OutlivesRetry(task.id)] if task.is_guest else []
     if task.message.is_aside and not task.is_watcher:
         found.append(facts.WaitedFor(task.id))
-    return [*found, facts.Reached(task.id, task.message.rules.at_birth)]
+    return [*found, facts.Reached(task.id, RULES[task.message.is_goal].at_birth)]
 
 
 def suspend(

@@ -21,7 +21,7 @@ from tca_wire.points import (
     STARTS,
     describe_moments,
 )
-from tca_wire.rules import GOAL, NO_GOAL, PARENT_FIRST, TaskRules, rules_of
+from tca_wire.rules import PARENT_FIRST, RULES, TaskRules
 from tca_wire.text.measures import duration, run_time
 
 _ENDS = (END_HANDLING, END_PLANNING, END_ACHIEVING)
@@ -35,9 +35,9 @@ def _needed(of: TaskRules, moments: int) -> int:
     return needed
 
 
-_NEEDED = [[_needed(of, moments) for moments in range(ALL_MOMENTS + 1)] for of in (NO_GOAL, GOAL)]
+_NEEDED = [[_needed(of, moments) for moments in range(ALL_MOMENTS + 1)] for of in RULES]
 """Whether it is a goal, and moments: all that are reached no later than these."""
-_PARENT_FIRST = [PARENT_FIRST & ~of.at_birth for of in (NO_GOAL, GOAL)]
+_PARENT_FIRST = [PARENT_FIRST & ~of.at_birth for of in RULES]
 
 
 def in_words(moments: int) -> str:
@@ -63,7 +63,7 @@ def next_moments(item: MessageRecord) -> Iterator[int]:
 
 def first_moments(item: MessageRecord) -> int:
     """The moments that a task reaches when a handler gets it. A goal may have to wait for its achieving."""
-    first = rules_of(item.is_goal).delivery
+    first = RULES[item.is_goal].delivery
     for hold in item.holds:
         if hold.before is item and hold.moment & first:
             return first | START_ACHIEVING

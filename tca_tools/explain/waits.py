@@ -45,7 +45,7 @@ from tca_wire.points import (
     STARTS,
     TaskId,
 )
-from tca_wire.rules import rules_of
+from tca_wire.rules import RULES
 from tca_wire.waits import NAMED, WaitKind
 
 _ALWAYS = -inf, inf
@@ -122,7 +122,7 @@ def node_of(run: Run, handling: Handling) -> Node:
 
 # --- the moments of a task that matter at a time ---------------------------------------------------------------------
 
-_NO_LATER = {is_goal: {0: 0, **rules_of(is_goal).no_later} for is_goal in (True, False)}
+_NO_LATER = [{0: 0, **rules.no_later} for rules in RULES]
 """As bits all that comes no later than a moment, and the moment: of a goal (True), and of what only acts."""
 _NEXT = {
     TaskState.HELD: START_HANDLING,

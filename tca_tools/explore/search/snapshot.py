@@ -19,9 +19,8 @@ from tca_tools.explore.scenario.script import Program
 from tca_tools.explore.scenario.steps import Branch, ScriptRun
 from tca_wire.life_cycles import LifeCycle
 from tca_wire.messages.declarations import Message
-from tca_wire.rules import TaskRules
 
-_SHARED = (Scenario, ScenarioModule, Program, ScriptRun, Branch, Message, LifeCycle, TaskRules)
+_SHARED = (Scenario, ScenarioModule, Program, ScriptRun, Branch, Message, LifeCycle)
 
 _EMPTY: dict[type, Callable[[], Any]] = {type(Lock()): Lock, WeakValueDictionary: WeakValueDictionary}
 """Of a slot's session: nothing of a scenario is in these."""
