@@ -69,7 +69,7 @@ IGNORED = {
     "MessageType": {
         "format", "first_declared_by", "declarers",  # all modules of a scenario declare the same
         "delivered", "failed", "dropped",  # only counted, for people
-        "candidates", "rules",  # follow from the handlers and the class
+        "candidates",  # follow from the handlers
     },
     "ModuleResource": {"delivered", "busy", "quick_runs", "replaced"},  # likewise; every handler counts as quick
     "Module": {"process"},
