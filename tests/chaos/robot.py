@@ -195,7 +195,7 @@ def be_central(events_between: int, folder: Path) -> None:
 def serve(name: str, folder: Path) -> None:
     """Be a module until told to end."""
     log_with_times()
-    MODULES[name](Notebook(folder, name)).run()
+    MODULES[name](Notebook(folder, name)).run(patience=60)  # on a busy machine a central may start late
 
 
 def log_with_times() -> None:
