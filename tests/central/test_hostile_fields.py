@@ -155,12 +155,15 @@ def test_a_request_that_waits_needs_a_number(header: Any) -> None:
     assert not player.central.registry.connections[ConnectionId(b"user")].outstanding
 
 
-@pytest.mark.parametrize("period", [float("nan"), float("inf"), -1.0])
-def test_polling_monitor_is_refused_when_its_period_is_no_time(period: float) -> None:
+@pytest.mark.parametrize("option", ["period", "duration"])
+@pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0])
+def test_polling_monitor_is_refused_when_its_time_is_none(option: str, seconds: float) -> None:
     player = Player.of("legs: query where, command move", "user")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["where", "move"])
     player.request("user", headers.Register, [watch])
-    (answer,) = player.send("user", "watch", watch=WatchOptions(period=period))
+    (answer,) = player.send(
+        "user", "watch", watch=msgspec.structs.replace(WatchOptions(period=1.0), **{option: seconds})
+    )
     assert isinstance(answer, Refused)
     assert answer.refusal is Refusal.PROTOCOL
 
