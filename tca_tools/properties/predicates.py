@@ -137,7 +137,13 @@ fired = MessageState(
 )  # fmt: skip
 retried = MessageState("retried", lambda one: one.is_retried, "it was retried with the last event")
 
-STATES = {state.words: state for state in list(globals().values()) if isinstance(state, MessageState)}
+STATES = {
+    state.words: state
+    for state in (
+        sent, begun, handled, queued, planned, planned_ahead, being_achieved, achieved, resolved, killed, failed,
+        recovering, suspended, fired, retried,
+    )
+}  # fmt: skip
 """By name."""
 
 _LONGEST_FIRST = sorted(STATES, key=len, reverse=True)
