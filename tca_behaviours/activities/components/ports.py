@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from tca_module import MisuseError
-from tca_module.checks import COUNT, check
 
 T = TypeVar("T")
 
@@ -37,7 +36,8 @@ class InputPort(_Port[T]):
 
     def __init__(self, component: str, name: str, type_: type[T], take: Callable[[T], object], keep: int = 1) -> None:
         super().__init__(component, name, type_)
-        check(f"port {self!r}", COUNT, keep=keep)
+        if keep < 1:
+            raise MisuseError(f"port {self!r}: keep must be 1 or more, not {keep}")
         self.lost = 0  #: values that gave way to newer ones
         self._take = take
         self._arrived: deque[T] = deque(maxlen=keep)

@@ -66,12 +66,7 @@ class FlatAutomaton:
     def arcs(self, state: int) -> Sequence[LikelyArrow]:
         """The transitions of a leaf, in their order. Their likelihoods are 1 together at most."""
         if state not in self._known:
-            leaf = self._states[state]
-            arrows = arrows_of(leaf)
-            self._known[state] = [
-                LikelyArrow(arrow.symbol, arrow.target.leaf.number, likelihood)
-                for arrow, likelihood in zip(arrows, self._likelihoods(leaf, arrows), strict=True)
-            ]
+            self._known[state] = self._evaluated(self._states[state])
         return self._known[state]
 
     def activity(self, state: int) -> Activity | None:
@@ -81,6 +76,14 @@ class FlatAutomaton:
     def waits(self, state: int) -> bool:
         """Whether the machine waits for an event in a leaf; in another one without an activity it does not rest."""
         return self._states[state].kind is StateKind.WAIT
+
+    def _evaluated(self, leaf: AuthoredState) -> list[LikelyArrow]:
+        arrows = arrows_of(leaf)
+        likelihoods = self._likelihoods(leaf, arrows)
+        return [
+            LikelyArrow(arrow.symbol, arrow.target.leaf.number, likelihood)
+            for arrow, likelihood in zip(arrows, likelihoods, strict=True)
+        ]
 
     def _value(self, leaf: AuthoredState, arrow: AuthoredArrow) -> float | None:
         value = 0.0 if arrow.model is None else arrow.model.value(self._situation, leaf.label, arrow.symbol)

@@ -10,10 +10,12 @@ from types import FrameType
 @contextmanager
 def interrupt_held() -> Iterator[None]:
     """Hold the first Ctrl-C back until the block has been left; a second one interrupts it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # Python runs signal handlers in the main thread only
+        return
     before = signal.getsignal(signal.SIGINT)
-    is_main = threading.current_thread() is threading.main_thread()  # others run no signal handlers
-    if not is_main or before is not signal.default_int_handler:
-        yield
+    if before is not signal.default_int_handler:
+        yield  # somebody has other plans with it
         return
     held: list[int] = []
 

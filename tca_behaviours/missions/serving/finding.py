@@ -7,7 +7,6 @@ import importlib.util
 import logging
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
@@ -42,29 +41,34 @@ class Finding:
         if not folder.is_dir():
             raise MisuseError(f"server '{self._server}': there is no folder {folder}")
         for file in sorted(folder.glob("[!_]*.py")):
-            with self._left_out(f"the tasks of {file} are"):
-                for task in _tasks_of(_load(file)):
-                    with self._left_out(f"{file} is"):
-                        self._add(task, str(file))
+            try:
+                module = _load(file)
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - the file's author reads the log
+                self._leave_out(f"the tasks of {file} are", error)
+                continue
+            for task in _tasks_of(module):
+                self._try(task, str(file))
 
     def add_installed(self) -> None:
         """Add the tasks of installed packages that are made for this environment."""
         for entry in entry_points(group=ENTRY_POINTS):
             where = f"entry point '{entry.name}' ({entry.value})"
-            with self._left_out(f"{where} is"):
+            try:
                 task = check_task(entry.load())
-                if isinstance(self._environment, environment_of(task)):
-                    self._add(task, where)
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - the package's author reads the log
+                self._leave_out(f"{where} is", error)
+                continue
+            if isinstance(self._environment, environment_of(task)):
+                self._try(task, where)
 
-    @contextmanager
-    def _left_out(self, what: str) -> Iterator[None]:
-        """A block that adds tasks. If it fails the log says why: the tasks' author reads that."""
+    def _leave_out(self, what: str, error: BaseException) -> None:
+        self._log.error("%s left out: %s: %s", what, type(error).__name__, error, exc_info=error)
+
+    def _try(self, task: type[ServedTask[Any]], where: str) -> None:
         try:
-            yield
+            self._add(task, where)
         except (MisuseError, BadFormat) as error:
-            self._log.error("%s left out: %s", what, error)
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever a file of theirs raises
-            self._log.exception("%s left out: %s: %s", what, type(error).__name__, error)
+            self._log.error("%s is left out: %s", where, error)
 
     def _add(self, task: type[ServedTask[Any]], where: str) -> None:
         name, wanted = check_task(task).__name__, environment_of(task)
