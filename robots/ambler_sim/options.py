@@ -60,10 +60,10 @@ def walk_options(program: str = "", description: str | None = None) -> argparse.
 
 
 def kinds_of(text: str) -> tuple[str, ...]:
-    """From "all" or a list with commas. Raises ValueError for a kind that there is not."""
+    """From "all" or a list with commas. Raises ArgumentTypeError for a kind that there is not."""
     kinds = KINDS if text == "all" else tuple(filter(None, text.split(",")))
     if wrong := [kind for kind in kinds if kind not in KINDS]:
-        raise ValueError(f"there are no faults of kind {wrong[0]!r}: there are {', '.join(KINDS)}")
+        raise argparse.ArgumentTypeError(f"there are no faults of kind {wrong[0]!r}: there are {', '.join(KINDS)}")
     return kinds
 
 

@@ -18,7 +18,7 @@ from tca_behaviours.activities import Application
 from tca_behaviours.activities.manager import ActivityMove, ApplicationMessages
 from tca_behaviours.activities.page.command import activities
 from tca_module import Client, SentTask, TcaError, connect
-from tca_tools.supervise.programs import central_in
+from tca_tools.supervise.programs import START_TIME, central_in
 from tca_wire.text.measures import duration
 
 CHANGES = 2.0
@@ -48,7 +48,7 @@ class CleaningShow:
     def run_to_its_end(self) -> int:
         """The whole show; the exit code."""
         try:
-            with connect("operator", self._central) as operator:
+            with connect("operator", self._central, START_TIME) as operator:
                 self._run(operator)
         except TcaError as error:
             self.say(f"ended: {error}")

@@ -23,7 +23,7 @@ from robots.office_sim.vocabulary import CupState, LabScene
 from robots.options import between, forwarded, parser_of
 from robots.show import history, save_picture, shown
 from tca_module import Client, Message, SentTask, connect
-from tca_tools.supervise.programs import Programs, central_in
+from tca_tools.supervise.programs import START_TIME, Programs, central_in
 
 ProgramTable = dict[str, Message[Any, Any]]
 """Beside each program is a message that it handles: once it does, all that it attaches is in force."""
@@ -74,7 +74,7 @@ def _shift(options: argparse.Namespace) -> tuple[LabScene, SentTask[None]]:
             programs.start_module(name, f"robots.office_sim.modules.{name.replace(' ', '_')}", *pace)
         for name in layers:
             programs.start_module(f"{name} layer", f"robots.office_sim.layers.{name.replace(' ', '_')}", *pace)
-        with connect("user", address) as user:
+        with connect("user", address, START_TIME) as user:
             programs.wait_until_handled(user, OPEN_LAB, *MODULES.values(), *layers.values())
             user.inform(OPEN_LAB)
             return _watch(user, programs, options.shift + PATIENCE)

@@ -11,7 +11,7 @@ from robots.youbot_sim.simulator import Lid
 from robots.youbot_sim.vocabulary import GROUPS, JointReadings
 from tca_module import Client, connect
 from tca_tools.journal.journals import open_log
-from tca_tools.supervise.programs import Programs, central_in
+from tca_tools.supervise.programs import START_TIME, Programs, central_in
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ def show(schedule: ShownDelivery, folder: Path, backend: Physics) -> tuple[Carri
         plain = [] if schedule.has_preview else ["--plain"]
         programs.start_module("coordinator", "robots.youbot_sim.coordination", *plain)
         programs.start_module("user", "robots.youbot_sim.user")
-        with connect("show", address) as client:
+        with connect("show", address, START_TIME) as client:
             seen = _watch(client, programs)
     robot = make_robot(backend)
     robot.assume(seen)

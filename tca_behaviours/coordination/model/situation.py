@@ -12,7 +12,7 @@ Fact = str | bool | int | float
 """The value of a fact."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Situation:
     """How things are at one moment of a run."""
 
