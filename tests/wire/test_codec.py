@@ -1,6 +1,8 @@
 """Packets: everything that goes in comes out, and no bytes whatever get past as something else than ProtocolError."""
 
+import re
 from contextlib import suppress
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -129,3 +131,8 @@ def test_what_is_sent_is_divided_into_packets_that_central_takes(what: str) -> N
     assert len(packets) == 3
     assert [before for before, _ in packets] == list(range(0, len(items), most or 2))
     assert [item for _, packet in packets for item in codec.unpack_to_central(packet)] == items
+
+
+def test_the_protocol_page_names_the_version_of_each_greeting() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"version = (\d+)", page)) == {str(headers.PROTOCOL_VERSION)}
