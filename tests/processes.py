@@ -280,7 +280,7 @@ def _be(command: list[str]) -> None:
     elif how == "tca":
         import_module("tca_tools.command_line").main(words, prog_name="tca")
     elif how.endswith(".py"):
-        sys.path[0] = str(Path(how).parent)
+        sys.path.insert(0, str(Path(how).parent))
         runpy.run_path(how, run_name="__main__")
     else:
         os.execv(how, command)
