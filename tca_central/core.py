@@ -427,7 +427,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
     Noted: direct_routes.on_noted,
     WatchEntrance: direct_routes.on_watch_entrance,
 }
-"""One row per message: what happens when it arrives. A row takes its own class; `Never` says that none takes any."""
+"""One row per message: what happens when it arrives. Each row takes its own class only."""
 
 
 _WAITS = (headers.AwaitPoint, headers.GetVariable, headers.Lock, headers.WaitUntilHandled, Observe)

@@ -47,7 +47,7 @@ class Agenda(Stored):
         self.startable: deque[Task] = deque()  #: may be given to a handler
         self.unanswered: deque[Task] = deque()  #: their handlers have returned, without a word to what clients want
         self.withdrawn: deque[tuple[Task, bool]] = deque()
-        """Those that may not any more: take them out of their queues. Whether they are only suspended."""
+        """Tasks that may not start now: they leave their queues; each with whether it is only suspended."""
         self.ended: deque[Task] = deque()  #: have reached their last moment
         self.waits = 0  #: number of entries in all lists of waiters
         self.ended_waits: deque[tuple[Task, Stored]] = deque()  #: waits whose moment has been reached

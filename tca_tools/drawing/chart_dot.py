@@ -102,11 +102,8 @@ class _Picture:
     def lines(self) -> Iterator[str]:
         """All states, then all arrows."""
         tops = self.chart.inside(-1)
-        if self.chart.states[0].kind in (
-            StateKind.ACTIVITY,
-            StateKind.WAIT,
-            StateKind.COMPOUND,
-        ):  # no frame around it all
+        whole = self.chart.states[0].kind
+        if whole in (StateKind.ACTIVITY, StateKind.WAIT, StateKind.COMPOUND):  # no frame around it all
             yield _BEGIN.format("begin")
             yield self._arrow("begin", self._head(tops[0]), self._cut(-1, tops[0]))
         for top in tops:

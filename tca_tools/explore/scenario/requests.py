@@ -31,10 +31,8 @@ class RequestWording(Wording):
 
     def request(self, header: Any, body: bytes, message_class: MessageClass | None) -> str:
         """A header as what somebody does: "kills step {3} in 2 s". *message_class*: of the message that it names."""
-        said, data = (
-            self.filled(REQUESTS.get(type(header), f"asks for {type(header).__name__}"), header),
-            data_in_words(body),
-        )
+        said = self.filled(REQUESTS.get(type(header), f"asks for {type(header).__name__}"), header)
+        data = data_in_words(body)
         if isinstance(header, headers.Send):
             watch = self.filled(_WATCH, header.watch) if header.watch is not None else ""
             return f"{'wants' if header.when_killed else 'sends'} {message_class} {header.message}{data}{said}{watch}"
