@@ -22,6 +22,7 @@ from tca_behaviours.missions import (
     TaskServer,
     UnknownTask,
 )
+from tca_behaviours.missions.client.mission_goal import MissionInfo
 from tca_module import Goal, MisuseError, Module, Outcome, Rejected, Task, TaskKilled, Timeout, connect
 from tca_module.testing import LocalCentral
 from tca_wire.journal import facts
@@ -336,6 +337,13 @@ def test_missions_of_one_name_that_begin_together_do_not_mix() -> None:
         assert sorted(ends) == [f"{number} g" for number in range(6)]
         with connect("user", central) as user:
             assert user.tasks() == []
+
+
+def test_a_mission_refuses_the_goal_of_another_of_its_name() -> None:
+    with rover() as (central, _), connect("user", central) as user:
+        with Mission("rover", name="weigh", central=central):
+            other = user.goal(Goal("mission weigh", MissionInfo), MissionInfo("rover"))
+            assert other.wait(10) is Outcome.FAILED
 
 
 def test_a_mission_whose_goal_is_killed_ends() -> None:

@@ -3,7 +3,6 @@
 import contextlib
 import itertools
 import os
-import queue
 import traceback
 
 import msgspec
@@ -35,6 +34,10 @@ MISSION_FAILED = Failure("mission failed")
 
 _ENDS_WITHIN = 5.0  # seconds that central may take to end the mission's goal
 _numbers = itertools.count(1)
+_Begun = tuple[int, LaterReply[None]]
+"""A goal that has begun: its task's number, and the reply that ends it."""
+
+_TOGETHER = "two missions of one name have begun at the same moment"
 
 
 class MissionInfo(msgspec.Struct, frozen=True):
@@ -45,6 +48,17 @@ class MissionInfo(msgspec.Struct, frozen=True):
 
 class _NameTakenError(Exception):
     """Another mission of that name runs."""
+
+
+def _wait_for_begin(goal: TaskRef, begun: list[_Begun]) -> LaterReply[None]:
+    """Wait for the mission's own goal to begin. Returns the reply it owes."""
+    if wait_for_any([goal], until=lambda: bool(begun)) or not begun:
+        raise _NameTakenError  # another mission of the same name got the goal, and refused it
+    task, owed = begun[0]
+    if task != goal.id:
+        owed.fail(MISSION_FAILED(text=_TOGETHER))
+        raise _NameTakenError
+    return owed
 
 
 class MissionGoal:
@@ -62,7 +76,6 @@ class MissionGoal:
         self._central = central
         self._server = server
         self._under, self._stays = under, stays
-        self._begun = queue.SimpleQueue[tuple[int, LaterReply[None]]]()
         self._owed: LaterReply[None] | None = None
         self._top: TaskRef | None = None
         self._stack = contextlib.ExitStack()
@@ -79,14 +92,22 @@ class MissionGoal:
     def _open(self, name: str) -> None:
         """Join as a mission of that name. Raises _NameTakenError if another mission has it, or takes it as well."""
         self._module = module = Module(name, self._central)
+        begun: list[_Begun] = []  # of this attempt only: the next one's goal is another
         goal, deal = Goal(name, MissionInfo), ExceptionHandler(f"{name}: failure")
 
         def check_name(_: Module) -> None:
             if module.handlers(deal):
                 raise _NameTakenError
 
+        def begin(task: Task, _: MissionInfo) -> LaterReply[None]:
+            begun.append(mine := (task.id, task.reply_later()))
+            if begun[0] is not mine:
+                raise MISSION_FAILED(text=_TOGETHER)
+            return mine[1]
+
         module.at_start(check_name)
-        module.handles(goal)(self._begin)
+        module.resource("goals", capacity=2)  # a second goal is refused, where it would wait for the end of this one
+        module.handles(goal, resource="goals")(begin)
         module.handles(deal, resource="failures")(self._deal_with)
         module.handles(HANDLERS_CHANGED, resource="failures")(self._note_handlers)
         with contextlib.ExitStack() as stack:
@@ -99,18 +120,8 @@ class MissionGoal:
             else:
                 info = MissionInfo(self._server)
                 self._top = top = module.goal(goal, info, sequential=False, on_failure=[Recovery(None, deal)])
-                self._owed = self._wait_for_begin(top)
+                self._owed = _wait_for_begin(top, begun)
             self._stack = stack.pop_all()
-
-    def _wait_for_begin(self, goal: TaskRef) -> LaterReply[None]:
-        """The reply that the own handler owes."""
-        if wait_for_any([goal], until=lambda: not self._begun.empty()) or self._begun.empty():
-            raise _NameTakenError  # another mission of the same name got the goal, and refused it
-        task, owed = self._begun.get()
-        if task != goal.id:
-            owed.fail(MISSION_FAILED(text="two missions of one name have begun at the same moment"))
-            raise _NameTakenError
-        return owed
 
     @property
     def name(self) -> str:
@@ -155,11 +166,6 @@ class MissionGoal:
                 self._top.wait(_ENDS_WITHIN if waits else 0.0)
 
     # --- handlers: they run in threads of the module ------------------------------------------------------------------
-
-    def _begin(self, task: Task, _: MissionInfo) -> LaterReply[None]:
-        later = task.reply_later()
-        self._begun.put((task.id, later))
-        return later
 
     def _deal_with(self, task: Task) -> None:
         """A task of the mission, or one under it, has failed: that ends the mission's task, but not the mission."""
