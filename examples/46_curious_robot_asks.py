@@ -18,6 +18,7 @@ POINT, SAY = Command("point", str, life_cycle=BASIC), Command("say", str, life_c
 LISTEN = Query("listen", reply=str)
 dialog, arm, voice, human = Module("dialog"), Module("arm"), Module("voice"), Module("human")
 may_answer = threading.Event()
+side_by_side = threading.Barrier(2, timeout=5)
 
 
 @dialog.handles(LABEL_QUERY, when_busy="reject")
@@ -35,7 +36,8 @@ def ask(task: Task, thing: str) -> str:
 
 @arm.handles(POINT)
 @voice.handles(SAY)
-def act(task: Task, what: str) -> None: ...
+def act(_task: Task, _what: str) -> None:
+    side_by_side.wait()  # each ends when both have begun
 
 
 @human.handles(LISTEN)

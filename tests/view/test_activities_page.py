@@ -146,8 +146,13 @@ def test_the_page_is_red_where_measurement_refutes_the_analysis(town: Town, look
     page = look(town.address, f"?key={town.key}")
     try:
         town.application.add(camera)
+        fast, slow = (
+            [name for name in town.application.activity_names if name.startswith(component)]
+            for component in ("x", "camera")
+        )
+        town.application.allocate({"processor 1": fast, "processor 2": slow})
         expect(page.locator("#verdict.bad")).to_have_text("refuted by measurement")
-        expect(page.locator(".processor .verdict.bad")).to_contain_text("refuted by measurement: ")
+        expect(page.locator("[data-processor='processor 2'] .verdict.bad")).to_contain_text("refuted by measurement: ")
     finally:
         hung.set()
 
